@@ -3,18 +3,18 @@
 import time
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
-from .arguments.object_argument import MeshFile, complete_object, read_length
-from .arguments.option_group import GroupedCommand, OptionGroup, option, refuse_typed
-from .arguments.options import OUTPUT, UNITS, Output, file, seed
-from .console import print_json, print_line, print_notes, print_table, progress
-from .robots.spheres import USUAL_LEAVES, RobotOptions, fit_columns, import_spheres, robot_spheres
+from .arguments.command import OptionGroup, argument, make_command, option, refuse_typed
+from .arguments.options import SEED, AnySeed, OneLevel, OutPath, Output, Unit
+from .arguments.scene_options import MeshFile, complete_object, read_length
+from .console import print_notes, progress
+from .robot_spheres import USUAL_LEAVES, Leaves, RobotOptions, fit_columns, import_spheres, robot_spheres
 
 if TYPE_CHECKING:
     from hhsim.trees.options import TreeOptions
@@ -24,37 +24,28 @@ if TYPE_CHECKING:
 class BuiltTree(OptionGroup, heading="Sphere tree"):
     """Fineness of the tree; `max_error` in [m]."""
 
-    level: int | None = option(
-        type=click.IntRange(1, 5),
-        metavar="N",
-        help="Level of the leaves. Default: what --leaves or --max-error needs, else the catalogue's, or 4.",
+    level: OneLevel | None = option(
+        "Level of the leaves. Default: what --leaves or --max-error needs, else the catalogue's, or 4.", "N"
     )
-    leaves: int | None = option(
-        type=click.IntRange(1, 262_144),
-        metavar="N",
-        help="Number of leaves, or fewer if they suffice, of each link of a robot. Default: --branching to the power "
+    leaves: Leaves | None = option(
+        "Number of leaves, or fewer if they suffice, of each link of a robot. Default: --branching to the power "
         "of --level; 16 for a robot.",
+        "N",
     )
-    max_error: float | None = option(
-        callback=read_length,
-        metavar="LENGTH",
-        help="Take the fewest leaves proved to be within this distance of the mesh: 0.2mm, 200um or 0.2 (mm).",
+    max_error: Annotated[float, read_length] | None = option(
+        "Take the fewest leaves proved to be within this distance of the mesh: 0.2mm, 200um or 0.2 (mm).", "LENGTH"
     )
-    branching: int = option(type=click.IntRange(2, 64), metavar="N", default=8, help="Most children of a sphere.")
-    cover: str = option(
-        type=click.Choice(["outer", "balanced"]),
+    branching: Annotated[int, click.IntRange(2, 64)] = option("Most children of a sphere.", "N", default=8)
+    cover: Literal["outer", "balanced"] = option(
+        "Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
         default="outer",
-        help="Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
     )
-    minimise: str = option(
-        type=click.Choice(["protrusion", "volume"]),
+    minimise: Literal["protrusion", "volume"] = option(
+        "Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
         default="protrusion",
-        help="Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
     )
-    threads: int | None = option(
-        type=click.IntRange(1, 64),
-        metavar="N",
-        help="Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.",
+    threads: Annotated[int, click.IntRange(1, 64)] | None = option(
+        "Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.", "N"
     )
 
     def options(self, usual_level: int, seed: int) -> "TreeOptions":
@@ -77,14 +68,13 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     """File in place of a tree that is built."""
 
-    path: Path | None = file(
-        "FILE",
+    path: Path | None = option(
         "Build nothing: measure the spheres of a .sph, .h5, .urdf, .srdf, .yml, .xrdf, .xml or .json file.",
+        "FILE",
         "--from",
     )
-    from_unit: str | None = option(
-        type=UNITS,
-        help="Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue.",
+    from_unit: Unit | None = option(
+        "Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue."
     )
 
     @property
@@ -106,29 +96,19 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
             raise click.UsageError(f"--from-unit is for .sph files; {self.path} is in metres")
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("object_", metavar="OBJECT", shell_complete=complete_object)
-@BuiltTree.argument("build")
-@TreeSource.argument("source")
-@RobotOptions.argument("robot")
-@MeshFile.argument("mesh_file")
-@Output.argument("output")
-@click.option(
-    "--plot",
-    type=OUTPUT,
-    metavar="FILE",
-    help="Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.",
-)
-@seed
+@make_command
 def command(
-    object_: str,
+    *,
+    object_: str = argument("OBJECT", shell_complete=complete_object),
     build: BuiltTree,
     source: TreeSource,
-    mesh_file: MeshFile,
     robot: RobotOptions,
+    mesh_file: MeshFile,
     output: Output,
-    plot: Path | None,
-    seed: int,
+    plot: OutPath | None = option(
+        "Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.", "FILE"
+    ),
+    seed: AnySeed = SEED,
 ) -> None:
     """Cover an object, or a robot, with spheres, with a proof.
 
@@ -182,7 +162,7 @@ def command(
     of_object = link if source.path is None or names_a_linkage(object_) else ""
     with progress(quiet=output.quiet) as report:
         report("read", 0, 1)
-        mesh, usual_level = mesh_file.read(object_, solid=mesh_file.solid or None, link=of_object)
+        mesh, usual_level = mesh_file.read(object_, of_object)
         options = build.options(usual_level, seed)
         fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
         path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
@@ -213,61 +193,54 @@ def command(
         faults = tree.check(mesh)
         fit = measure_fit(mesh, tree.leaf_center, tree.leaf_radius, seed) if found else None
     print_notes(mesh.warnings, prefix="warning")
-    if output.as_json:
-        print_json(
-            {
-                "object": mesh.name,
-                "triangles": len(mesh.faces),
-                "extent": mesh.extent.tolist(),
-                "repairs": mesh.repairs,
-                "warnings": mesh.warnings,
-                "leaves": tree.leaf_count,
-                "levels": [vars(error) | _of_level(tree, error.level) for error in tree.errors],
-                "options": dict(tree.options),
-                "fit": asdict(fit) if fit else None,
-                "proved": not faults,
-                "faults": faults,
-                "seconds": seconds,
-                "cached": cached,
-                "frame": found.frame if found else "mesh",
-                "notes": found.notes if found else (),
-                "unproved_faces": found.unproved if found else 0,
-                "path": str(path),
-                "plot": None if plot is None else str(plot),
-            }
-        )
-    elif not output.quiet:
-        columns = (
-            *map(number, ("level", "spheres")),
-            number("protrusion max", "protrusion_max", "mm", 3),
-            number("p99", "protrusion_p99", "mm", 3),
-            number("mean", "protrusion_mean", "mm", 3),
-            number("proved bound", "bound", "mm", 3),
-            number("gap max", "gap_max", "mm", 3),
-            number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
-        )
-        print_table(Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles"))
-        if fit is not None:
-            print_table(Table(fit_columns(), [fit], "fit of the leaves"))
-        for repair in mesh.repairs:
-            print_line(f"repaired: {repair}")
-        for note in found.notes if found else ():
-            print_line(f"note: {note}")
-        if found is None or tree.covers:
-            for fault in faults:
-                print_line(f"not proved: {fault}")
-        if not faults:
-            gap = tree.covers[-1].gap
-            part = f"no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
-            print_line(f"proved and checked: {part if gap else 'each level covers the whole mesh'}")
-        if build.max_error is not None:
-            print_line(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
-        how = "read from the cache" if cached else f"built in {seconds:.1f} s"
-        if source.path is not None:
-            how = f"read from {source.path}"
-        print_line(f"{counted(tree.leaf_count, 'leaf')}, {how}, written to {path}")
-        if plot is not None:
-            print_line(f"the picture is in {plot}")
+    columns = (
+        *map(number, ("level", "spheres")),
+        number("protrusion max", "protrusion_max", "mm", 3),
+        number("p99", "protrusion_p99", "mm", 3),
+        number("mean", "protrusion_mean", "mm", 3),
+        number("proved bound", "bound", "mm", 3),
+        number("gap max", "gap_max", "mm", 3),
+        number("CPU", lambda error: _of_level(tree, error.level)["cpu_seconds"], "s", 2, missing=""),
+    )
+    parts: list[Table | str] = [Table(columns, tree.errors, f"{mesh.name}: {len(mesh.faces):,} triangles")]
+    if fit is not None:
+        parts.append(Table(fit_columns(), [fit], "fit of the leaves"))
+    parts += [f"repaired: {repair}" for repair in mesh.repairs]
+    parts += [f"note: {note}" for note in found.notes] if found else []
+    parts += [f"not proved: {fault}" for fault in faults] if found is None or tree.covers else []
+    if not faults:
+        gap = tree.covers[-1].gap
+        part = f"no part of the mesh is farther than {1e3 * gap:.3f} mm outside of the leaves"
+        parts.append(f"proved and checked: {part if gap else 'each level covers the whole mesh'}")
+    if build.max_error is not None:
+        parts.append(f"the fewest spheres that were found within {1e3 * build.max_error:g} mm")
+    how = "read from the cache" if cached else f"built in {seconds:.1f} s"
+    how = how if source.path is None else f"read from {source.path}"
+    output.show(
+        {
+            "object": mesh.name,
+            "triangles": len(mesh.faces),
+            "extent": mesh.extent.tolist(),
+            "repairs": mesh.repairs,
+            "warnings": mesh.warnings,
+            "leaves": tree.leaf_count,
+            "levels": [vars(error) | _of_level(tree, error.level) for error in tree.errors],
+            "options": dict(tree.options),
+            "fit": asdict(fit) if fit else None,
+            "proved": not faults,
+            "faults": faults,
+            "seconds": seconds,
+            "cached": cached,
+            "frame": found.frame if found else "mesh",
+            "notes": found.notes if found else (),
+            "unproved_faces": found.unproved if found else 0,
+            "path": str(path),
+            "plot": None if plot is None else str(plot),
+        },
+        *parts,
+        f"{counted(tree.leaf_count, 'leaf')}, {how}, written to {path}",
+        *([f"the picture is in {plot}"] if plot else []),
+    )
 
 
 def _of_level(tree: "SphereTree", level: int) -> dict[str, float | None]:

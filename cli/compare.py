@@ -2,29 +2,28 @@
 
 import math
 from pathlib import Path
-
-import click
+from typing import Literal
 
 from hhsim.table.table import Table
 
-from .arguments import options
+from .arguments.command import argument, make_command, option
+from .arguments.options import JSON
 from .console import print_json, print_line, print_table
 
 
-@click.command(cls=options.Command)
-@click.argument("base", metavar="A", type=options.FILE)
-@click.argument("head", metavar="B", type=options.FILE)
-@click.option(
-    "--all", "whole", is_flag=True, help="Compare every figure; without it those that matter, and what is over a limit."
-)
-@click.option(
-    "--hand",
-    "sides",
-    type=click.Choice(["right", "left", "right,left", "left,right"]),
-    help="Which hand of results of two; with a comma that of A and that of B.",
-)
-@options.json
-def command(base: Path, head: Path, whole: bool, sides: str | None, as_json: bool) -> None:
+@make_command
+def command(
+    *,
+    base: Path = argument("A"),
+    head: Path = argument("B"),
+    whole: bool = option(
+        "Compare every figure; without it those that matter, and what is over a limit.", None, "--all"
+    ),
+    sides: Literal["right", "left", "right,left", "left,right"] | None = option(
+        "Which hand of results of two; with a comma that of A and that of B.", None, "--hand"
+    ),
+    as_json: bool = JSON,
+) -> None:
     """Set the figures of two results side by side.
 
     A and B are files that hhsim replay or hhsim live wrote. First stands what differs in input and options; figures of

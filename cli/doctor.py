@@ -1,28 +1,26 @@
 """`hhsim doctor`."""
 
+from typing import Annotated
+
 import click
 
 from hhsim.table.table import Table
 
-from .arguments import options
-from .console import print_json, print_line, print_table
+from .arguments.command import Number, make_command, option
+from .arguments.options import Printing
 
 
-@click.command(cls=options.Command)
-@click.option(
-    "--rate", type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Wake-ups a second [Hz]."
-)
-@click.option(
-    "--duration", type=options.Number(0.1, 3600.0), default=10.0, metavar="S", help="How long to measure [s]."
-)
-@click.option(
-    "--cpu", type=click.IntRange(-1, 4095), metavar="N", help="Processor to stay on; -1: any. Default: the last one."
-)
-@click.option(
-    "--no-realtime", is_flag=True, help="Measure without real-time scheduling and without a processor of one's own."
-)
-@options.Printing.argument("printing")
-def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, printing: options.Printing) -> int:
+@make_command
+def command(
+    *,
+    rate: Annotated[float, Number(10.0, 10_000.0)] = option("Wake-ups a second [Hz].", "HZ", default=1000.0),
+    duration: Annotated[float, Number(0.1, 3600.0)] = option("How long to measure [s].", "S", default=10.0),
+    cpu: Annotated[int, click.IntRange(-1, 4095)] | None = option(
+        "Processor to stay on; -1: any. Default: the last one.", "N"
+    ),
+    no_realtime: bool = option("Measure without real-time scheduling and without a processor of one's own."),
+    printing: Printing,
+) -> int:
     """Tell whether this machine keeps 1 kHz, and if not, why.
 
     Waits for deadlines as a session's loop would, in compiled code, asks the system for the same, and counts how late
@@ -40,13 +38,13 @@ def command(rate: float, duration: float, cpu: int | None, no_realtime: bool, pr
 
     wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
     diagnosis = examine(rate, duration, wishes)
-    if printing.as_json:
-        print_json(diagnosis.to_json())
-    elif not printing.quiet:
-        title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
-        headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
-        print_table(Table.of_cells(headings, cells, title, numbers=headings[1:3]))
-        print_line(f"granted: {described(diagnosis.wakeups.mode)}")
-        for line in (diagnosis.verdict, *(f"  - {advice}" for advice in diagnosis.advice)):
-            print_line(line)
+    title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
+    headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
+    printing.show(
+        diagnosis.to_json(),
+        Table.of_cells(headings, cells, title, numbers=headings[1:3]),
+        f"granted: {described(diagnosis.wakeups.mode)}",
+        diagnosis.verdict,
+        *(f"  - {advice}" for advice in diagnosis.advice),
+    )
     return 0 if diagnosis.good else 1

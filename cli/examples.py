@@ -1,17 +1,15 @@
 """`hhsim examples`."""
 
-from pathlib import Path
+import os
+import shutil
+from importlib.resources import as_file, files
 
-import click
-
-from .arguments import options
-from .console import print_json, print_line
+from .arguments.command import argument, make_command
+from .arguments.options import JSON, OutPath, show
 
 
-@click.command(cls=options.Command)
-@click.argument("folder", type=options.OUTPUT)
-@options.json
-def command(folder: Path, as_json: bool) -> None:
+@make_command
+def command(*, folder: OutPath = argument(), as_json: bool = JSON) -> None:
     """Copy the examples that come with hhsim to a folder.
 
     FOLDER is made. In it are a mesh, recordings, a plan of a sweep, methods and bridges of gloves to begin with;
@@ -21,10 +19,6 @@ def command(folder: Path, as_json: bool) -> None:
     Examples:
       hhsim examples examples
     """
-    import os
-    import shutil
-    from importlib.resources import as_file, files
-
     from hhsim.errors import OutputError
     from hhsim.system.atomic_write import new_files
 
@@ -33,7 +27,8 @@ def command(folder: Path, as_json: bool) -> None:
     target = folder.absolute()
     with new_files(target) as partial, as_file(files("hhsim.examples")) as source:
         shutil.copytree(source, partial / target.name, ignore=shutil.ignore_patterns("__init__.py", "__pycache__"))
-    if as_json:
-        print_json({"folder": str(folder), "files": sorted(path.name for path in folder.iterdir())})
-    else:
-        print_line(f"the examples are in {folder}; {folder / 'README.md'} says what each shows")
+    show(
+        {"folder": str(folder), "files": sorted(path.name for path in folder.iterdir())},
+        f"the examples are in {folder}; {folder / 'README.md'} says what each shows",
+        as_json=as_json,
+    )

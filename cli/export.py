@@ -1,42 +1,34 @@
 """`hhsim export`."""
 
 from pathlib import Path
+from typing import Any, Literal
 
 import click
 
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .arguments.comma_list import read_names
-from .console import print_json, print_line, progress
+from .arguments.command import argument, make_command, option
+from .arguments.options import OutPath, Printing, Side, read_names
+from .console import progress
 
 
-@click.command(cls=options.Command)
-@click.argument("result", type=options.FILE)
-@click.argument("out", metavar="FILE", type=options.OUTPUT)
-@click.option(
-    "--as",
-    "form",
-    type=click.Choice(["csv", "keypoints", "npz"]),
-    help="Write the shown hand as a recording of this format instead, for hhsim import and other software.",
-)
-@click.option(
-    "--columns",
-    callback=read_names,
-    multiple=True,
-    metavar="NAMES",
-    help="Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: "
-    "the usual.",
-)
-@options.one_hand
-@options.Printing.argument("printing")
+@make_command
 def command(
-    result: Path,
-    out: Path,
-    form: str | None,
-    columns: tuple[str, ...] | None,
-    side: str | None,
-    printing: options.Printing,
+    *,
+    result: Path = argument(),
+    out: OutPath = argument("FILE"),
+    form: Literal["csv", "keypoints", "npz"] | None = option(
+        "Write the shown hand as a recording of this format instead, for hhsim import and other software.", None, "--as"
+    ),
+    columns: tuple[str, ...] | None = option(
+        "Datasets of /tick, such as time,force/total, and of a session live/tick/latency; all for every one. Default: "
+        "the usual.",
+        "NAMES",
+        multiple=True,
+        callback=read_names,
+    ),
+    side: Side | None = option("Which hand, of a result of two.", None, "--hand"),
+    printing: Printing,
 ) -> None:
     """Write the ticks of a result, or its hand as a recording.
 
@@ -52,24 +44,21 @@ def command(
       hhsim export grasp.h5 everything.csv --columns all
       hhsim export grasp.h5 grasp.npz --as keypoints
     """
+    from hhsim.recordings.registry import export_recording
     from hhsim.result.csv_export import export_ticks
     from hhsim.result.reader import load_hand
 
     loaded = load_hand(result, side or "")
+    document: dict[str, Any] = {"result": str(result)}
     if form is not None:
-        from hhsim.recordings.registry import export_recording
-
         if columns:
             raise click.UsageError("--columns is for a table of ticks, and --as writes a recording")
         ticks = export_recording(loaded, form, out)
-        if printing.as_json:
-            print_json({"result": str(result), "recording": str(out), "format": form, "ticks": ticks})
-        elif not printing.quiet:
-            print_line(f"{counted(ticks, 'tick')} as {form}: {out}")
-        return
-    with progress(quiet=printing.quiet) as report:
-        written = export_ticks(loaded, out, columns, report)
-    if printing.as_json:
-        print_json({"result": str(result), "csv": str(out), "ticks": loaded.ticks, "columns": list(written)})
-    elif not printing.quiet:
-        print_line(f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}")
+        document |= {"recording": str(out), "format": form, "ticks": ticks}
+        line = f"{counted(ticks, 'tick')} as {form}: {out}"
+    else:
+        with progress(quiet=printing.quiet) as report:
+            written = export_ticks(loaded, out, columns, report)
+        document |= {"csv": str(out), "ticks": loaded.ticks, "columns": list(written)}
+        line = f"{counted(loaded.ticks, 'tick')}, {counted(len(written), 'column')}: {out}"
+    printing.show(document, line)

@@ -3,18 +3,16 @@
 import os
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import click
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.table.table import Table
 
-from .arguments import options
-from .arguments.option_group import OptionGroup, option, shared
-from .arguments.options import FILE, file, output_file
-from .console import print_json, print_line, print_notes, print_table, progress
-from .run_again import names_a_result
+from .arguments.command import OptionGroup, argument, make_command, option
+from .arguments.options import OutPath, Printing, names_a_result
+from .console import print_notes, progress
 
 if TYPE_CHECKING:
     from hhsim.gate.gate import Baseline, GateReport
@@ -26,42 +24,37 @@ STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 class Comparison(OptionGroup):
     """Base of the comparison, and timing."""
 
-    baseline: Path | None = file(
-        "FILE", "File of --write-baseline, or another result, to compare with. Default: the suite's file."
+    baseline: Path | None = option(
+        "File of --write-baseline, or another result, to compare with. Default: the suite's file.", "FILE"
     )
-    base_python: Path | None = file(
-        "PYTHON", "Python of the base's hhsim, run in turn with this one: the only fair comparison of times."
+    base_python: Path | None = option(
+        "Python of the base's hhsim, run in turn with this one: the only fair comparison of times.", "PYTHON"
     )
-    base_folder: Path | None = file(
-        "DIR", "Folder of the base that stands for the suite's, with its methods and recordings."
+    base_folder: Path | None = option(
+        "Folder of the base that stands for the suite's, with its methods and recordings.", "DIR"
     )
-    suite: Path | None = file(
-        "SUITE", "Suite whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows."
+    suite: Path | None = option(
+        "Suite whose [limits] a RESULT is held to. Default: the limits that hhsim replay shows.", "SUITE"
     )
-    write_baseline: Path | None = output_file("FILE", "Record the suite's run in this file.")
-    time: bool = option("--time/--no-time", default=True, help="Judge times, or leave them out.")
-    processes: int | None = option(
-        type=click.IntRange(3, 100),
-        metavar="N",
-        help="Timed processes of each side and scene. Default: as the suite says, else 5.",
+    write_baseline: OutPath | None = option("Record the suite's run in this file.", "FILE")
+    time: bool = option("Judge times, or leave them out.", None, "--time/--no-time", default=True)
+    processes: Annotated[int, click.IntRange(3, 100)] | None = option(
+        "Timed processes of each side and scene. Default: as the suite says, else 5.", "N"
     )
 
 
-class GateOutput(OptionGroup):
+class GateOutput(Printing):
     """Files for CI systems, and amount of output."""
 
-    markdown: Path | None = output_file("FILE", "Write a summary in Markdown.")
-    step_summary: bool = option(is_flag=True, help=f"Append the summary to the file that ${STEP_SUMMARY} names.")
-    whole: bool = option("--all", is_flag=True, help="Print every figure; without it what changed or was missed.")
-    as_json: bool = shared(options.json)
-    quiet: bool = shared(options.quiet)
+    markdown: OutPath | None = option("Write a summary in Markdown.", "FILE")
+    step_summary: bool = option(f"Append the summary to the file that ${STEP_SUMMARY} names.")
+    whole: bool = option("Print every figure; without it what changed or was missed.", None, "--all")
 
 
-@click.command(cls=options.Command)
-@click.argument("target", metavar="[RESULT|SUITE]", required=False, type=FILE)
-@Comparison.argument("comparison")
-@GateOutput.argument("output")
-def command(target: Path | None, comparison: Comparison, output: GateOutput) -> int:
+@make_command
+def command(
+    *, target: Path | None = argument("[RESULT|SUITE]", required=False), comparison: Comparison, output: GateOutput
+) -> int:
     """Judge a change for CI: errors, work and time, yes or no.
 
     SUITE is a TOML file of scenes and limits; without it, hhsim-gate.toml of the current folder, else the one that
@@ -194,20 +187,17 @@ def _print(report: "GateReport", written: Path | None, output: GateOutput) -> No
     from hhsim.table.verdict import NOT_COMPARABLE
 
     print_notes(report.refused, prefix="error")
-    if output.as_json:
-        print_json({**report.to_json(), "baseline_written": str(written) if written else None})
-    elif output.quiet:
+    if output.quiet and not output.as_json:
         failing = [row for row in report.rows if not row.passed or row.verdict == NOT_COMPARABLE]
         print_notes(reasons(failing), prefix="gate")
-    else:
-        shown = list(report.rows) if output.whole else worth_showing(report)
-        if shown:
-            print_table(Table(COLUMNS, shown, report.source))
-        told = [row for row in shown if row.verdict != REFUSED]
-        for line in (*reasons(told), *not_judged(report), *report.notes):
-            print_line(f"note: {line}")
-        if not output.whole and (rest := left_out(report)):
-            print_line(f"{report.source}: {rest} (--all shows them)")
-        print_line(headline(report))
-        if written is not None:
-            print_line(f"the baseline is in {written}")
+    shown = list(report.rows) if output.whole else worth_showing(report)
+    told = [row for row in shown if row.verdict != REFUSED]
+    rest = "" if output.whole else left_out(report)
+    output.show(
+        {**report.to_json(), "baseline_written": str(written) if written else None},
+        *([Table(COLUMNS, shown, report.source)] if shown else []),
+        *(f"note: {line}" for line in (*reasons(told), *not_judged(report), *report.notes)),
+        *([f"{report.source}: {rest} (--all shows them)"] if rest else []),
+        headline(report),
+        *([f"the baseline is in {written}"] if written else []),
+    )

@@ -2,44 +2,37 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import TYPE_CHECKING, Annotated, Any
 
 from hhsim.table.table import Table
 
-from .arguments.option_group import GroupedCommand, OptionGroup, option
-from .arguments.options import FILE, OUTPUT, Number, Output, file, metres
+from .arguments.command import Number, OptionGroup, argument, make_command, option
+from .arguments.options import OutPath, Output, metres
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
     from hhsim.recordings.recording import Recording
 
-SECONDS = Number(-1e12, 1e12)
-"""Range of a stamp, which may count from 1970."""
-HAND_LENGTH = Number(50.0, 400.0)
+Stamp = Annotated[float, Number(-1e12, 1e12)]
+"""Stamp [s], which may count from 1970."""
+HandLength = Annotated[float, Number(50.0, 400.0)]
 
 
 class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
     """Selection and cleaning of the samples; times in [s], lengths in [mm]."""
 
-    start: float | None = option("--from", type=SECONDS, metavar="S", help="Keep samples from this stamp on [s].")
-    end: float | None = option("--to", type=SECONDS, metavar="S", help="Keep samples up to this stamp [s].")
-    max_gap: float = option(
-        type=Number(0.001, 1e7), default=1.0, metavar="S", help="Longest hole that is interpolated [s]."
+    start: Stamp | None = option("Keep samples from this stamp on [s].", "S", "--from")
+    end: Stamp | None = option("Keep samples up to this stamp [s].", "S", "--to")
+    max_gap: Annotated[float, Number(0.001, 1e7)] = option("Longest hole that is interpolated [s].", "S", default=1.0)
+    hand_length: HandLength | None = option(
+        "Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.", "MM"
     )
-    hand_length: float | None = option(
-        type=HAND_LENGTH,
-        metavar="MM",
-        help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.",
+    other_hand: bool = option("Make a right hand's motion of a left hand's, or the other way round.")
+    hand_file: Path | None = option(
+        "Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one.", "TOML"
     )
-    other_hand: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
-    hand_file: Path | None = file(
-        "TOML", "Hand whose joint limits bound the angles (docs/faq.md has an example). Default: the usual one."
-    )
-    keep_angles: bool = option(is_flag=True, help="Keep joint angles beyond the hand's limits.")
+    keep_angles: bool = option("Keep joint angles beyond the hand's limits.")
 
     def options(self, recording: "Recording", file: FileSettings) -> "CleaningOptions":
         """Return the options for the library; the units of the numbers are those of `file`."""
@@ -64,39 +57,26 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
 class Labels(OptionGroup, heading="Labels"):
     """Origin of the recording, kept in the trajectory."""
 
-    name: str | None = option(metavar="TEXT", help="Name of the motion. Default: that of the file.")
-    source: str | None = option(metavar="TEXT", help="Who or what recorded it, kept in the trajectory.")
-    licence: str | None = option(metavar="TEXT", help="Licence that it may be used under, kept in the trajectory.")
+    name: str | None = option("Name of the motion. Default: that of the file.", "TEXT")
+    source: str | None = option("Who or what recorded it, kept in the trajectory.", "TEXT")
+    licence: str | None = option("Licence that it may be used under, kept in the trajectory.", "TEXT")
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("file", type=FILE, metavar="FILE")
-@FileSettings.argument("reading")
-@click.option(
-    "--calibration",
-    type=FILE,
-    metavar="TOML",
-    help="Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).",
-)
-@HandData.argument("data")
-@CleaningSettings.argument("cleaning")
-@Labels.argument("labels")
-@Output.argument("output")
-@click.option(
-    "--fit-hand",
-    type=OUTPUT,
-    metavar="TOML",
-    help="Write a hand with the recorded bones and radii for --hand-file, and lay the motion for it.",
-)
+@make_command
 def command(
-    file: Path,
+    *,
+    file: Path = argument("FILE"),
     reading: FileSettings,
-    calibration: Path | None,
+    calibration: Path | None = option(
+        "Calibration of a Dexmo glove (hhsim/recordings/dexmo_regression.py has an example).", "TOML"
+    ),
     data: HandData,
     cleaning: CleaningSettings,
     labels: Labels,
     output: Output,
-    fit_hand: Path | None,
+    fit_hand: OutPath | None = option(
+        "Write a hand with the recorded bones and radii for --hand-file, and lay the motion for it.", "TOML"
+    ),
 ) -> None:
     """Make a trajectory of a recording of a hand.
 
@@ -145,27 +125,23 @@ def command(
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
     document = import_document(recording, cleaned)
-    if output.as_json:
-        hand_file = str(fit_hand) if fit_hand else None
-        print_json({"file": str(file), **document, "path": str(output_path), "hand_file": hand_file})
-    elif not output.quiet:
-        written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
-        motion, length = cleaned.trajectory, cleaned.hand_length
-        side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
-        long = f" of {1e3 * length:.0f} mm" if length is not None else ""
-        title = f"{file.name}, {recording.form}: {side}{long}"
-        if cleaned.findings:
-            print_table(Table(FINDING_COLUMNS, cleaned.findings, title))
-        else:
-            print_line(f"{title}; nothing was found")
-        if (fit := recording.bones) is not None:
-            rows = list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
-            print_table(Table(FIT_COLUMNS, rows, "a hand with the recorded bones"))
-        print_line(
-            f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
-            f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, "
-            f"{cleaned.mended:,} mended"
-        )
-        if motion.may_hide_damage:
-            print_line(UNCHECKED)
-        print_line(f"written to {', '.join(written)}")
+    motion, length = cleaned.trajectory, cleaned.hand_length
+    side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
+    long = f" of {1e3 * length:.0f} mm" if length is not None else ""
+    title = f"{file.name}, {recording.form}: {side}{long}"
+    parts: list[Table | str] = [f"{title}; nothing was found"]
+    if cleaned.findings:
+        parts = [Table(FINDING_COLUMNS, cleaned.findings, title)]
+    if (fit := recording.bones) is not None:
+        rows = list(zip(FINGERS, fit.rms, fit.largest, *fit.length.T))
+        parts.append(Table(FIT_COLUMNS, rows, "a hand with the recorded bones"))
+    parts.append(
+        f"{motion.sample_count:,} of {recording.sample_count:,} samples, {motion.duration:.3f} s at "
+        f"{motion.mean_rate:.1f} Hz, longest step {1e3 * document['longest_step']:.1f} ms, {cleaned.mended:,} mended"
+    )
+    output.show(
+        {"file": str(file), **document, "path": str(output_path), "hand_file": str(fit_hand) if fit_hand else None},
+        *parts,
+        *([UNCHECKED] if motion.may_hide_damage else []),
+        f"written to {output_path}{f', its hand to {fit_hand}' if fit_hand else ''}",
+    )

@@ -1,17 +1,14 @@
 """`hhsim info`."""
 
-import click
-
 from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
-from .arguments import options
-from .console import print_json, print_table
+from .arguments.command import make_command
+from .arguments.options import JSON, show
 
 
-@click.command(cls=options.Command)
-@options.json
-def command(as_json: bool) -> None:
+@make_command
+def command(*, as_json: bool = JSON) -> None:
     """Show versions, processor and what is missing.
 
     Put it into every report of a fault; it names neither you nor the host.
@@ -24,9 +21,6 @@ def command(as_json: bool) -> None:
     from hhsim.system.environment import collect
 
     info = collect()
-    if as_json:
-        print_json(info)
-        return
     machine, kernels = info["machine"], info["kernels"]
     changed = " with uncommitted changes" if info["revision"]["dirty"] is True else ""
     compiled = "compiled" if kernels["compiled"] else "not compiled yet: the first run does it, once"
@@ -44,4 +38,4 @@ def command(as_json: bool) -> None:
         if extra != "required":
             rows.append(("missing", f"{', '.join(names)}: pip install 'hhsim[{extra}]'"))
     rows += [("missing", f"{name}: required") for name in info["missing"].get("required", [])]
-    print_table(Table.of_cells(("what", "value"), rows))
+    show(info, Table.of_cells(("what", "value"), rows), as_json=as_json)

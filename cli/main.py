@@ -14,7 +14,7 @@ import click
 from hhsim import __version__
 from hhsim.errors import HhsimError
 
-from .arguments.lazy_group import LazyGroup
+from .arguments.command import LazyGroup, imported
 from .console import prepare_streams, print_error, print_notes
 
 COMMANDS = {
@@ -45,19 +45,6 @@ COMMANDS = {
 KEYWORDS = {"import": "import_"}
 """Modules of commands whose name no module can have."""
 
-MEANT = {
-    **dict.fromkeys(("list", "ls"), "hhsim objects and hhsim trajectories list what there is"),
-    "help": "hhsim --help lists the commands, and hhsim COMMAND --help explains one",
-    "version": "hhsim --version prints it, hhsim info all versions",
-    "run": "did you mean replay?",
-    "show": "did you mean view or report?",
-    "diff": "did you mean compare?",
-    "test": "did you mean verify or gate?",
-    "benchmark": "did you mean bench?",
-    "submit": "did you mean score?",
-}
-"""Advice for words that are no command."""
-
 COMPLETION_VARIABLE = "_HHSIM_COMPLETE"
 SHOW_AS_USUAL = warnings.showwarning
 NO_MEMORY = "can't start new thread", "failed to map segment", "returned NULL without setting"
@@ -68,19 +55,13 @@ MANY_OBJECTS = 10_000
 """New objects after which the collector looks for circles."""
 
 
-@click.group(
-    cls=LazyGroup,
-    lines=COMMANDS,
-    meant=MEANT,
-    module=lambda name: KEYWORDS.get(name, name.replace("-", "_")),
-    invoke_without_command=True,
+hhsim = LazyGroup(
+    "hhsim",
+    lambda: COMMANDS,
+    lambda name: imported(KEYWORDS.get(name, name.replace("-", "_"))),
     subcommand_metavar="[COMMAND] [ARGS]...",
     context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
-)
-@click.version_option(__version__, message="hhsim %(version)s")
-@click.pass_context
-def hhsim(context: click.Context) -> None:
-    """Replay a hand against a virtual object, and measure speed, contact and force at every tick.
+    help="""Replay a hand against a virtual object, and measure speed, contact and force at every tick.
 
     \b
     Start with:
@@ -90,9 +71,9 @@ def hhsim(context: click.Context) -> None:
 
     Every command takes --json for machines. Exit codes: 0 ok, 1 a limit was missed, 2 usage or bad input, 3 cannot
     compare.
-    """
-    if context.invoked_subcommand is None:
-        click.echo(context.get_help())
+    """,
+)
+click.version_option(__version__, message="hhsim %(version)s")(hhsim)
 
 
 def main() -> None:

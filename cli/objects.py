@@ -1,16 +1,13 @@
 """`hhsim objects`."""
 
-import click
-
 from hhsim.table.table import Table, number, words
 
-from .arguments import options
-from .console import print_json, print_table
+from .arguments.command import make_command
+from .arguments.options import JSON, show
 
 
-@click.command(cls=options.Command)
-@options.json
-def command(as_json: bool) -> None:
+@make_command
+def command(*, as_json: bool = JSON) -> None:
     """List the objects that come with hhsim.
 
     Any of the names, or a mesh, URDF or MJCF file of your own, goes into hhsim replay and hhsim build-tree. The level
@@ -24,16 +21,13 @@ def command(as_json: bool) -> None:
     from hhsim.mesh.catalogue import load_object, object_names
 
     objects = [load_object(name) for name in object_names()]
-    if as_json:
-        same = ("name", "title", "level", "density", "friction", "stresses", "source", "licence")
-        documents = [
-            {name: getattr(item, name) for name in same}
-            | {"extent": item.mesh.extent.tolist(), "triangles": len(item.mesh.faces)}
-            | {"mass": item.density * item.mesh.volume}
-            for item in objects
-        ]
-        print_json({"objects": documents})
-        return
+    same = ("name", "title", "level", "density", "friction", "stresses", "source", "licence")
+    documents = [
+        {name: getattr(item, name) for name in same}
+        | {"extent": item.mesh.extent.tolist(), "triangles": len(item.mesh.faces)}
+        | {"mass": item.density * item.mesh.volume}
+        for item in objects
+    ]
     columns = (
         words("name"),
         words("what", "title"),
@@ -43,4 +37,4 @@ def command(as_json: bool) -> None:
         number("mass", lambda item: item.density * item.mesh.volume, "g"),
         *map(words, ("stresses", "licence")),
     )
-    print_table(Table(columns, objects))
+    show({"objects": documents}, Table(columns, objects), as_json=as_json)

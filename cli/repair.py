@@ -3,19 +3,16 @@
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Annotated, Any, Literal
 
 import click
 
-from .arguments import options
-from .arguments.option_group import GroupedCommand, OptionGroup, option, refuse_typed
-from .arguments.options import FILE, JOBS, OUTPUT, UNITS, Number, file, metres, ranged
+from .arguments.command import Number, OptionGroup, argument, make_command, option, refuse_typed
+from .arguments.options import Jobs, OutPath, Printing, Unit, metres, ranged
 from .arguments.recording_options import FileSettings, HandData
-from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
+from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
-if TYPE_CHECKING:
-    from hhsim.repair.request import RepairOutcome
-
+NO_OBJECT = "--object names the object that the hand holds; a manifest names it in each row"
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
 FOLLOWED = (
@@ -38,69 +35,49 @@ class ObjectSettings(OptionGroup, heading="Object"):
     """Object of the recording, and its poses; `size` in [mm]."""
 
     object: str | None = option(
-        metavar="OBJECT|MESH",
-        help="Name of the catalogue (hhsim objects), or a mesh, URDF or MJCF file; of hhsim repair also a TOML.",
+        "Name of the catalogue (hhsim objects), or a mesh, URDF or MJCF file; of hhsim repair also a TOML.",
+        "OBJECT|MESH",
     )
-    unit: str | None = option(type=UNITS, help="Length unit of a mesh file. Default: the one that it states, or m.")
-    size: float | None = ranged("size", "MM", "Scale a mesh file to this longest extent [mm], whatever its unit.", 1e-3)
-    object_poses: Path | None = file(
-        "FILE", "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording."
+    unit: Unit | None = option("Length unit of a mesh file. Default: the one that it states, or m.")
+    size: Annotated[float, ranged("size", 1e-3)] | None = option(
+        "Scale a mesh file to this longest extent [mm], whatever its unit.", "MM"
+    )
+    object_poses: Path | None = option(
+        "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording.", "FILE"
     )
 
 
 class RepairLimits(OptionGroup, heading="Repair"):
     """Hand and limits of the repair; `max_correction` in [mm]."""
 
-    hand_file: Path | None = file("TOML", "Hand of a recording of angles. Default: the usual one.")
-    skin: Path | None = file(
-        "NPZ", "Skin of the hand: vertices (T, V, 3) and faces (F, 3). Default: the MANO model's, else our hand's."
+    hand_file: Path | None = option("Hand of a recording of angles. Default: the usual one.", "TOML")
+    skin: Path | None = option(
+        "Skin of the hand: vertices (T, V, 3) and faces (F, 3). Default: the MANO model's, else our hand's.", "NPZ"
     )
     palm: Literal["fitted", "thin", "none"] = option(
-        type=click.Choice(["fitted", "thin", "none"]),
-        default="fitted",
-        help="Palm that stays outside: fitted to the recorded hand, half as thick, or none.",
+        "Palm that stays outside: fitted to the recorded hand, half as thick, or none.", default="fitted"
     )
-    hands: Literal["one", "both"] = option(
-        type=click.Choice(["one", "both"]), default="one", help="Hands of the recording that are repaired."
+    hands: Literal["one", "both"] = option("Hands of the recording that are repaired.", default="one")
+    pictures: Literal["all", "none"] = option("Whether each recording gets a page and pictures.", default="all")
+    max_correction: Annotated[float, Number(0.1, 200.0)] = option(
+        "Largest move of a joint in a repaired frame [mm].", "MM", default=15.0
     )
-    pictures: Literal["all", "none"] = option(
-        type=click.Choice(["all", "none"]), default="all", help="Whether each recording gets a page and pictures."
-    )
-    max_correction: float = option(
-        type=Number(0.1, 200.0), default=15.0, metavar="MM", help="Largest move of a joint in a repaired frame [mm]."
-    )
-    follow: bool = option(
-        is_flag=True, help="RECORDING has a frame of JSON a line, - for stdin, and each is repaired as it comes."
-    )
-    latency: int = option(
-        type=click.IntRange(2, 1000), default=8, metavar="N", help="Frames after which --follow gives one."
-    )
+    follow: bool = option("RECORDING has a frame of JSON a line, - for stdin, and each is repaired as it comes.")
+    latency: Annotated[int, click.IntRange(2, 1000)] = option("Frames after which --follow gives one.", "N", default=8)
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("recording", type=FILE, metavar="RECORDING|MANIFEST")
-@ObjectSettings.argument("thing")
-@RepairLimits.argument("limits")
-@FileSettings.argument("reading")
-@HandData.argument("data")
-@click.option(
-    "--out", type=OUTPUT, required=True, metavar="FILE|DIR", help="Repaired recording; of a manifest a folder."
-)
-@click.option("--jobs", type=JOBS, metavar="N", help="Processes that share a manifest. Default: one a core.")
-@click.option(
-    "--scheduler", metavar="ADDRESS", default="", help="Dask cluster that shares a manifest: tcp://host:8786, or local."
-)
-@options.Printing.argument("printing")
+@make_command
 def command(
-    recording: Path,
+    *,
+    recording: Path = argument("RECORDING|MANIFEST"),
     thing: ObjectSettings,
     limits: RepairLimits,
     reading: FileSettings,
     data: HandData,
-    out: Path,
-    jobs: int | None,
-    scheduler: str,
-    printing: options.Printing,
+    out: OutPath = option("Repaired recording; of a manifest a folder.", "FILE|DIR", required=True),
+    jobs: Jobs | None = option("Processes that share a manifest. Default: one a core.", "N"),
+    scheduler: str = option("Dask cluster that shares a manifest: tcp://host:8786, or local.", "ADDRESS", default=""),
+    printing: Printing,
 ) -> int:
     """Repair a recording of a hand: the same, without penetration.
 
@@ -133,7 +110,7 @@ def command(
     if limits.hands == "both" and (reading.hand or limits.skin):
         raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
     if thing.object is None:
-        raise click.UsageError("--object names the object that the hand holds; a manifest names it in each row")
+        raise click.UsageError(NO_OBJECT)
     given = vars(reading.options(data.given())) | {"hand": None, "mano_model": None}
     request = RepairRequest(
         recording=recording,
@@ -161,12 +138,17 @@ def command(
 
             both = repair_both_hands(request, command=typed, progress=report)
             outcomes, document, last = list(both.hands), both.to_json(), both.text
-    if printing.as_json:
-        print_json(document)
-    for outcome in () if printing.quiet or printing.as_json else outcomes:
-        _print(outcome)
-    if last and not (printing.quiet or printing.as_json):
-        print_line(last)
+    for outcome in outcomes if printing.for_people else ():
+        print_notes(outcome.findings)
+        if outcome.table is not None:
+            print_table(outcome.table)
+        print_line(outcome.verdict)
+        if outcome.marked:
+            listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
+            said = "marked, without a repair or beyond the limit"
+            print_line(f"{said}: {len(outcome.marked)} of {outcome.frames}: {listed}")
+        print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
+    printing.show(document, *([last] if last else []))
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 
@@ -179,7 +161,7 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
 
     refuse_typed("is for a whole recording; --follow has frames as they come", but=FOLLOWED)
     if thing.object is None:
-        raise click.UsageError("--object names the object that the hand holds")
+        raise click.UsageError(NO_OBJECT)
     piped = str(out) == "-"
     if not piped:
         check_output_path(out)
@@ -202,30 +184,18 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
     return 1 if marked else 0
 
 
-def _print(outcome: "RepairOutcome") -> None:
-    print_notes(outcome.findings)
-    if outcome.table is not None:
-        print_table(outcome.table)
-    print_line(outcome.verdict)
-    if outcome.marked:
-        listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
-        print_line(f"marked, without a repair or beyond the limit: {len(outcome.marked)} of {outcome.frames}: {listed}")
-    print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
-
-
-def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: options.Printing) -> int:
+def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: Printing) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
     from hhsim.sweep.repair_batch import run_manifest
     from hhsim.sweep.repair_page import brief_table
 
+    how: Any = {"workers": jobs, "scheduler": scheduler, "pictures": pictures}
     with progress(quiet=printing.quiet) as report:
-        found = run_manifest(
-            manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
-        )
-    if printing.as_json:
-        print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
-    elif not printing.quiet:
-        print_table(brief_table(found.table.rows))
-        print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
+        found = run_manifest(manifest, out, repair_recording, **how, progress=report)
+    printing.show(
+        {"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)},
+        brief_table(found.table.rows),
+        f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}",
+    )
     return 1 if found.failed else 0

@@ -1,27 +1,20 @@
-"""`hhsim replay`."""
+"""`hhsim replay`: a motion against an object, or the ticks of a result once more."""
 
+import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
-from click.shell_completion import CompletionItem
 
 from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments import options, recording_options
-from .arguments.comma_list import number_list
-from .arguments.free_object import FreeChoice
-from .arguments.object_argument import MeshFile, TreeOrFile, complete_object
-from .arguments.option_group import GroupedCommand, option, shared
-from .arguments.options import COUNT, ranged
-from .arguments.recording_options import HandData, Sampling
-from .arguments.solver_options import Linearising, SolverChoice, trust
-from .arguments.written import RERUN, RERUN_METAVAR, read_target
-from .console import print_json, print_line, print_notes, print_table, progress
-from .run_again import names_a_result, run_again
+from .arguments import options, scene_options
+from .arguments.command import make_command, option, refuse_typed
+from .arguments.recording_options import PLACE_HELP, HandData, Place
+from .console import print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,58 +22,46 @@ if TYPE_CHECKING:
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
     from hhsim.solver.options import SolverOptions
-    from hhsim.view.sink import RerunTarget
 
-
-HANDS = options.HANDS
 STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
 """Parts of --stiffness in their order, by the library's names."""
+READ_STIFFNESS = options.number_list(
+    *STIFFNESSES.values(), ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES]
+)
+READ_TREMOR = options.number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)])
 
 
-def complete_trajectory(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Complete names of the catalogue, and files where what is typed looks like one."""
-    from hhsim.scene.motion_catalogue import trajectory_names
-
-    names = [CompletionItem(name) for name in trajectory_names() if name.startswith(incomplete)]
-    return names or [CompletionItem(incomplete, type="file")]
-
-
-class SolverSettings(Linearising, SolverChoice):
+class SolverSettings(scene_options.Linearising, scene_options.SolverChoice):
     """Options of the solver; `stiffness` is k_t [N/m], k_r and k_θ [N·m/rad]."""
 
     qp: str = option(
-        metavar="NAME",
+        "QP solver: active-set (hhsim's own); for coupled also one that qpsolvers finds, such as clarabel.",
+        "NAME",
         default="active-set",
-        help="QP solver: active-set (hhsim's own); for coupled also one that qpsolvers finds, such as clarabel.",
     )
-    force: str | None = option(
-        type=click.Choice(["kkt", "paper"]),
-        help="Forces from the multipliers (kkt) or from Eq. 14 (paper). Default: kkt; paper with --method paper.",
+    force: Literal["kkt", "paper"] | None = option(
+        "Forces from the multipliers (kkt) or from Eq. 14 (paper). Default: kkt; paper with --method paper."
     )
-    stiffness: tuple[float, ...] | None = option(
-        callback=number_list(*STIFFNESSES.values(), ranges=[RANGES[f"stiffness {name}"][:2] for name in STIFFNESSES]),
-        metavar="K_T,K_R,K_THETA",
-        help="Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
+    stiffness: Annotated[tuple[float, ...], READ_STIFFNESS] | None = option(
+        "Virtual coupling of palm position [N/m], palm rotation and joints [N·m/rad]. Default: 1000,5,0.5.",
+        "K_T,K_R,K_THETA",
     )
-    penalty_stiffness: float | None = ranged(
-        "stiffness penalty", "K", "Stiffness of each contact with --method penalty [N/m]. Default: 100000."
+    penalty_stiffness: Annotated[float, options.ranged("stiffness penalty")] | None = option(
+        "Stiffness of each contact with --method penalty [N/m]. Default: 100000.", "K"
     )
-    tolerance: float | None = ranged(
-        "tolerance", "SHARE", "Largest violation of a contact's row, as a share of the margin. Default: 1e-8."
+    tolerance: Annotated[float, options.ranged("tolerance")] | None = option(
+        "Largest violation of a contact's row, as a share of the margin. Default: 1e-8.", "SHARE"
     )
     self_contact: Literal["on", "off"] = option(
-        type=click.Choice(["on", "off"]),
+        "Keep the fingers and the palm out of each other (on), or let them through (off); with --method coupled.",
         default="off",
-        help="Keep the fingers and the palm out of each other (on), or let them through (off); with --method coupled.",
     )
-    frustum_ends: str | None = option(
-        type=click.Choice(["spheres", "flat"]),
-        help="Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres.",
+    frustum_ends: Literal["spheres", "flat"] | None = option(
+        "Ends of a frustum with --method paper: spheres (Eq. 13) or flat (Eq. 7). Default: spheres."
     )
-    threads: int = ranged(
-        "threads",
-        "N",
+    threads: Annotated[int, options.ranged("threads")] = option(
         "Threads that solve the fingers with --method progressive; the result is the same with any number.",
+        "N",
         default=1,
     )
 
@@ -106,31 +87,32 @@ class SolverSettings(Linearising, SolverChoice):
         return SolverOptions(**{name: value for name, value in changed.items() if value is not None})
 
 
-class HandAndMotion(Sampling, heading="Hand and motion"):
+class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
     """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
-    place_object: Literal["recorded", "auto"] | None = recording_options.place_object(None)
+    place_object: Place | None = option(PLACE_HELP)
     object_pose: Literal["recorded", "fixed"] = option(
-        type=click.Choice(["recorded", "fixed"]),
+        "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",
-        help="An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
     )
-    side: Literal["right", "left", "both"] | None = option(
-        *("--hand", "--hands"),
-        type=click.Choice(["right", "left", "both"]),
-        help="Which hand grasps, or both. Default: the recording's, else the right one.",
+    side: options.Sides | None = option(
+        "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
     )
-    hand_file: Path | None = shared(options.hand_file)
-    tremor: tuple[float, float] | None = option(
-        callback=number_list("mm", "degrees", ranges=[(0.0, 100.0), (0.0, 180.0)]),
-        metavar="MM,DEG",
-        help="Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.",
+    hand_file: Path | None = options.HAND_FILE
+    tremor: Annotated[tuple[float, float], READ_TREMOR] | None = option(
+        "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.", "MM,DEG"
     )
-    seed: int = shared(options.seed)
-    ticks: int | None = option(type=COUNT, metavar="N", help="Run only the first N ticks. Default: the whole motion.")
+    seed: options.AnySeed = options.SEED
+    ticks: options.Count | None = option("Run only the first N ticks. Default: the whole motion.", "N")
 
     def words(
-        self, object_: str, trajectory: str, mesh_file: MeshFile, tree: TreeOrFile, data: HandData, free: FreeChoice
+        self,
+        object_: str,
+        trajectory: str,
+        mesh_file: scene_options.MeshFile,
+        tree: scene_options.TreeOrFile,
+        data: HandData,
+        free: scene_options.FreeChoice,
     ) -> "SceneWords":
         """Return what the command line says of the scene."""
         from hhsim.scene.described_scene import SceneWords
@@ -154,46 +136,28 @@ class HandAndMotion(Sampling, heading="Hand and motion"):
 class ReplayOutput(options.Output):
     """Path of the result, and amount of output."""
 
-    whole: bool = option(
-        "--all", is_flag=True, help="Print every figure; without it those that matter, and what is over its limit."
+    whole: bool = option("Print every figure; without it those that matter, and what is over its limit.", None, "--all")
+    repeat: options.Count = option(
+        "Run the ticks N times, and print and store mean and standard deviation of their times.", "N", default=1
     )
-    repeat: int = option(
-        type=COUNT,
-        default=1,
-        metavar="N",
-        help="Run the ticks N times, and print and store mean and standard deviation of their times.",
-    )
-    trust: bool = shared(trust)
+    trust: bool = scene_options.TRUST
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
-@SolverSettings.argument("solver")
-@TreeOrFile.argument("tree")
-@HandAndMotion.argument("moving")
-@HandData.argument("data")
-@FreeChoice.argument("free")
-@MeshFile.argument("mesh_file")
-@ReplayOutput.argument("output")
-@click.option(
-    "--rerun",
-    callback=read_target,
-    type=RERUN,
-    metavar=RERUN_METAVAR,
-    help="Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.",
-)
+@make_command
 def command(
-    object_: str,
-    trajectory: str,
+    *,
+    object_: str = scene_options.OBJECT,
+    trajectory: str = scene_options.TRAJECTORY,
     solver: SolverSettings,
-    tree: TreeOrFile,
+    tree: scene_options.TreeOrFile,
     moving: HandAndMotion,
     data: HandData,
-    free: FreeChoice,
-    mesh_file: MeshFile,
+    free: scene_options.FreeChoice,
+    mesh_file: scene_options.MeshFile,
     output: ReplayOutput,
-    rerun: "RerunTarget | None",
+    rerun: options.Rerun | None = option(
+        "Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.", options.RERUN
+    ),
 ) -> int:
     """Replay a hand motion against an object, every tick measured.
 
@@ -223,9 +187,8 @@ def command(
       hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
-    if names_a_result(object_):
-        how = {"as_json": output.as_json, "quiet": output.quiet, "trust": output.trust}
-        return run_again(click.get_current_context(), Path(object_), **how)
+    if options.names_a_result(object_):
+        return _run_again(Path(object_), output)
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times
     from hhsim.result.reader import check_result_path
@@ -239,9 +202,9 @@ def command(
     solver_options = solver.options()
     loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), surface=solver.surface)
     motion, bodies = loaded.motions[0], loaded.bodies
-    free.require(solver_options, motion, way_out=": --object-pose fixed keeps it where it is at first")
+    free.check_motion(motion)
     remarks = import_remarks(motion, trajectory)
-    if any(body.is_free for body in bodies.settings):
+    if free.free or any(body.is_free for body in bodies.settings):
         require_free(solver_options)
     output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
@@ -255,7 +218,7 @@ def command(
         hands: dict[str, ReplaySummary] = {}
         if len(scene.hands) > 1:
             both = replay_two_hands(scene, solver_options, output_path, **about)
-            hands.update(zip(HANDS, both.hands))
+            hands.update(zip(options.HANDS, both.hands))
             document = both.to_json()
             remarks.append(both.note)
         else:
@@ -266,25 +229,26 @@ def command(
             document["repeated"] = repeated_document(runs)
             add_document(output_path, "repeated", document["repeated"])
         if rerun is not None:
+            from hhsim.view.sink import parse_target
             from hhsim.view.viewer import view_file
 
-            view_file(output_path, rerun, progress=report)
+            view_file(output_path, parse_target(rerun), progress=report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
-    if output.as_json:
-        print_json({**document, "notes": [*remarks, *document.get("notes", ())]})
-    elif not output.quiet:
+    if output.for_people:
         _print(hands, whole=output.whole)
-        if output.repeat > 1:
-            print()
-            columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
-            print_table(Table(columns, repeated_times(runs), f"times of {len(runs)} runs"))
-        of_hands = [note for summary in hands.values() for note in summary.notes]
-        for note in dict.fromkeys((*remarks, *notes, *of_hands)):
-            if note not in bodies.mesh.warnings:
-                print_line(f"note: {note}")
-        print_line(f"every tick is in {output_path}")
-    else:
+    elif output.quiet and not output.as_json:
         print_notes(stuck, prefix="missed")
+    columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
+    times = [Table(columns, repeated_times(runs), f"times of {len(runs)} runs")] if output.repeat > 1 else []
+    of_hands = [note for summary in hands.values() for note in summary.notes]
+    told = dict.fromkeys(note for note in (*remarks, *notes, *of_hands) if note not in bodies.mesh.warnings)
+    output.show(
+        {**document, "notes": [*remarks, *document.get("notes", ())]},
+        *([""] if times else []),
+        *times,
+        *(f"note: {note}" for note in told),
+        f"every tick is in {output_path}",
+    )
     return int(bool(stuck))
 
 
@@ -309,3 +273,35 @@ def _print(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> None:
         print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
     if not whole:
         print_line("the main figures: --all prints all")
+
+
+AGAIN = (
+    words("array", "name"),
+    words("is", "word"),
+    number("ticks that differ", lambda array: "" if array.identical else array.ticks),
+    number("first", lambda array: "" if array.identical else array.first_tick),
+    number("largest difference", lambda array: "" if array.identical else f"{array.largest:.3g}"),
+    number("bound", lambda array: "none" if math.isinf(array.bound) else f"{array.bound:g}"),
+    words("unit", "units"),
+)
+
+
+def _run_again(path: Path, output: ReplayOutput) -> int:
+    """Run the ticks of a result again and print the comparison; return 1 where something differs beyond rounding."""
+    refuse_typed(
+        f"has no place beside {path}, whose ticks run again as they were: hhsim replay OBJECT {path} takes its "
+        f"motion, hhsim view {path} shows it",
+        but=("object_", "as_json", "quiet", "trust"),
+    )
+    from hhsim.replay.repeat import run_again
+    from hhsim.result.reader import load_result
+
+    with progress(quiet=output.quiet) as report:
+        again = run_again(load_result(path), trust=output.trust, progress=report)
+    same = sum(array.identical for array in again.arrays)
+    title = f"{again.path}: {again.ticks:,} ticks run again, {same} of {len(again.arrays)} arrays identical"
+    notes = (f"note: {note}" for note in again.notes)
+    output.show(again.to_json(), Table(AGAIN, again.arrays, title), *notes, again.sentence)
+    if output.quiet and not output.as_json and not again.identical:
+        print_notes([f"{again.path} is run again: {again.sentence}"], prefix="note" if again.same else "missed")
+    return 0 if again.same else 1

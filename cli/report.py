@@ -4,27 +4,23 @@ import re
 import time
 from pathlib import Path
 
-import click
-
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .console import print_json, print_line, progress
+from .arguments.command import argument, make_command, option
+from .arguments.options import OutPath, Printing
+from .console import progress
 
 DATE = re.compile(r"\d{4}-\d\d-\d\d-\d{6}-")
 """Date in the name of a result that hhsim named."""
 
 
-@click.command(cls=options.Command)
-@click.argument("results", metavar="RESULT...", nargs=-1, required=True, type=options.FILE)
-@click.option(
-    "--out",
-    type=options.OUTPUT,
-    metavar="DIR|FILE.html",
-    help="Folder or page of the report. Default: a dated name in results/.",
-)
-@options.Printing.argument("printing")
-def command(results: tuple[Path, ...], out: Path | None, printing: options.Printing) -> None:
+@make_command
+def command(
+    *,
+    results: tuple[Path, ...] = argument("RESULT...", nargs=-1, required=True),
+    out: OutPath | None = option("Folder or page of the report. Default: a dated name in results/.", "DIR|FILE.html"),
+    printing: Printing,
+) -> None:
     """Make one HTML page of results: figures, curves, worst ticks.
 
     RESULT is a file that hhsim replay or hhsim live wrote, complete or not, or a table of hhsim bench. Of several
@@ -41,16 +37,19 @@ def command(results: tuple[Path, ...], out: Path | None, printing: options.Print
     from hhsim.report.report import check_report_path, make_report, write_report
     from hhsim.system.output_path import dated_output_path
 
-    begin = time.perf_counter()
+    begin, name = time.perf_counter(), DATE.sub("", results[0].stem)
     if out is not None:
         check_report_path(out)
     with progress(quiet=printing.quiet) as bar:
         report = make_report(results, progress=bar)
-    files = write_report(report, out or dated_output_path(f"{DATE.sub('', results[0].stem)}-report", suffix=""))
-    if printing.as_json:
-        paths = {"report": str(files.page), "pictures": list(map(str, files.pictures))}
-        print_json({**report.to_json(), **paths, "seconds": time.perf_counter() - begin})
-    elif not printing.quiet:
-        for line in report.verdict_lines():
-            print_line(line)
-        print_line(f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it")
+    files = write_report(report, out or dated_output_path(f"{name}-report", suffix=""))
+    printing.show(
+        {
+            **report.to_json(),
+            "report": str(files.page),
+            "pictures": list(map(str, files.pictures)),
+            "seconds": time.perf_counter() - begin,
+        },
+        *report.verdict_lines(),
+        f"the report is in {files.page}, with {counted(len(files.pictures), 'picture')} beside it",
+    )

@@ -1,52 +1,30 @@
 """`hhsim scene`."""
 
 from pathlib import Path
-from typing import Literal
-
-import click
 
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .arguments.free_object import FreeChoice
-from .arguments.object_argument import MeshSize, complete_object
-from .arguments.option_group import GroupedCommand
-from .arguments.recording_options import Sampling
-from .console import print_json, print_line, print_notes
-from .replay import complete_trajectory
+from .arguments.command import make_command, option
+from .arguments.options import SEED, TREE_LEVEL, AnySeed, OneLevel, OutPath, Printing, Sides
+from .arguments.scene_options import OBJECT, TRAJECTORY, FreeChoice, MeshSize, Sampling
+from .console import print_notes
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@click.argument("trajectory", metavar="[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
-@MeshSize.argument("mesh_size")
-@options.tree_level
-@click.option(
-    *("--hand", "--hands", "side"),
-    type=click.Choice(["right", "left", "both"]),
-    help="Which hand grasps, or both. Default: the recording's, else the right.",
-)
-@FreeChoice.argument("free")
-@Sampling.argument("sampling")
-@options.seed
-@click.option(
-    "--out",
-    type=options.OUTPUT,
-    metavar="DIR",
-    help="Folder, which must be new or empty. Default: a dated name in results/.",
-)
-@options.Printing.argument("printing")
+@make_command
 def command(
-    object_: str,
-    trajectory: str,
+    *,
+    object_: str = OBJECT,
+    trajectory: str = TRAJECTORY,
     mesh_size: MeshSize,
-    level: int | None,
-    side: Literal["right", "left", "both"] | None,
+    level: OneLevel | None = TREE_LEVEL,
+    side: Sides | None = option(
+        "Which hand grasps, or both. Default: the recording's, else the right.", None, "--hand", "--hands"
+    ),
     free: FreeChoice,
     sampling: Sampling,
-    seed: int,
-    out: Path | None,
-    printing: options.Printing,
+    seed: AnySeed = SEED,
+    out: OutPath | None = option("Folder, which must be new or empty. Default: a dated name in results/.", "DIR"),
+    printing: Printing,
 ) -> None:
     """Write a scene as files for other software to solve.
 
@@ -64,7 +42,6 @@ def command(
     """
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.options import SolverOptions
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, worded_scene, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
@@ -84,14 +61,13 @@ def command(
         free=free.words(),
     )
     loaded = load_words(words)
-    free.require(SolverOptions(), loaded.motions[0])
+    free.check_motion(loaded.motions[0])
     scene = worded_scene(loaded)
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))
-    digest = write_scene_folder(scene, folder)
-    if printing.as_json:
-        names = sorted(path.name for path in folder.iterdir())
-        print_json({"folder": str(folder), "scene": digest, "ticks": scene.ticks.tick_count, "files": names})
-    elif not printing.quiet:
-        ticks = counted(scene.ticks.tick_count, "tick")
-        print_line(f"{scene.name}, {scene.hands[0].trajectory.name}: {ticks}, scene {digest[:12]}")
-        print_line(f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them")
+    digest, ticks = write_scene_folder(scene, folder), scene.ticks.tick_count
+    names = sorted(path.name for path in folder.iterdir())
+    printing.show(
+        {"folder": str(folder), "scene": digest, "ticks": ticks, "files": names},
+        f"{scene.name}, {scene.hands[0].trajectory.name}: {counted(ticks, 'tick')}, scene {digest[:12]}",
+        f"send poses back as in {folder / EXAMPLE}: hhsim score {folder / EXAMPLE} measures them",
+    )

@@ -5,50 +5,31 @@ from pathlib import Path
 
 import click
 
-from hhsim.solver.surface import SURFACES
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .arguments.option_group import GroupedCommand, refuse_typed
+from .arguments.command import argument, make_command, option, refuse_typed
+from .arguments.options import Output, metres
 from .arguments.recording_options import FileSettings, HandData
-from .console import print_json, print_line, print_notes, print_table, progress
-from .repair import ObjectSettings
+from .arguments.scene_options import Surface
+from .console import print_notes, progress
+from .repair import NO_OBJECT, ObjectSettings
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("submission", type=options.FILE)
-@click.option(
-    "--recorded",
-    type=options.FILE,
-    metavar="RECORDING",
-    help="Score a repaired recording beside this recorded one, by the figures of the field.",
-)
-@ObjectSettings.argument("thing")
-@FileSettings.argument("reading")
-@HandData.argument("data")
-@click.option(
-    "--scene",
-    "folder",
-    type=options.FILE,
-    metavar="DIR",
-    help="Folder that hhsim scene made, for poses that do not say by what words their scene is made.",
-)
-@click.option(
-    "--surface",
-    type=click.Choice(SURFACES.names()),
-    default="spheres",
-    help="Surface on which contacts are looked for.",
-)
-@options.Output.argument("output")
+@make_command
 def command(
-    submission: Path,
-    recorded: Path | None,
+    *,
+    submission: Path = argument(),
+    recorded: Path | None = option(
+        "Score a repaired recording beside this recorded one, by the figures of the field.", "RECORDING"
+    ),
     thing: ObjectSettings,
     reading: FileSettings,
     data: HandData,
-    folder: Path | None,
-    surface: str,
-    output: options.Output,
+    folder: Path | None = option(
+        "Folder that hhsim scene made, for poses that do not say by what words their scene is made.", "DIR", "--scene"
+    ),
+    surface: Surface = option("Surface on which contacts are looked for.", default="spheres"),
+    output: Output,
 ) -> int:
     """Measure the poses that other software made of a scene.
 
@@ -82,28 +63,23 @@ def command(
     with progress(quiet=output.quiet) as report:
         found = score(read, scene, path, surface=surface, command=("hhsim", *sys.argv[1:]), progress=report)
     print_notes(found.suspicions, prefix="suspected")
-    if output.as_json:
-        print_json(found.to_json())
-    elif not output.quiet:
-        summary = next(iter(found.hands.values())).summary
-        print_line(f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}")
-        for side, hand in found.hands.items():
-            whose = f"{side} hand: " if len(found.hands) > 1 else ""
-            print_line(f"{whose}{hand.summary.verdict.line}")
-        for side, hand in found.hands.items():
-            print()
-            print_table(figure_table(hand.rows, f"{side} hand" if len(found.hands) > 1 else ""))
-        if found.body_rows:
-            print()
-            print_table(figure_table(found.body_rows, "bodies"))
-        for note in found.notes:
-            print_line(f"note: {note}")
-        print_line(f"every tick is in {path}")
+    summary = next(iter(found.hands.values())).summary
+    whose = {side: f"{side} hand" if len(found.hands) > 1 else "" for side in found.hands}
+    tables = [figure_table(hand.rows, whose[side]) for side, hand in found.hands.items()]
+    tables += [figure_table(found.body_rows, "bodies")] if found.body_rows else []
+    output.show(
+        found.to_json(),
+        f"{summary.object_name}, {summary.motion_name}, {read.method}: {counted(summary.ticks, 'tick')}",
+        *(": ".join(filter(None, (whose[side], hand.summary.verdict.line))) for side, hand in found.hands.items()),
+        *(part for table in tables for part in ("", table)),
+        *(f"note: {note}" for note in found.notes),
+        f"every tick is in {path}",
+    )
     return 1 if found.suspicions else 0
 
 
 def _field(
-    repaired: Path, recorded: Path, thing: ObjectSettings, reading: FileSettings, data: HandData, output: options.Output
+    repaired: Path, recorded: Path, thing: ObjectSettings, reading: FileSettings, data: HandData, output: Output
 ) -> int:
     """Print the figures of the field of a repaired recording; returns the exit code."""
     from hhsim.linkage.file import resolve_object
@@ -112,15 +88,15 @@ def _field(
     from hhsim.repair.score import field_score
 
     if thing.object is None:
-        raise click.UsageError("--object names the object that the hand holds")
+        raise click.UsageError(NO_OBJECT)
     scene_alone = "is for poses of a scene; --recorded prints its table and writes no file"
     refuse_typed(scene_alone, names=("out", "folder", "surface"))
-    mesh, _ = resolve_object(thing.object, thing.unit, options.metres(thing.size))
+    mesh, _ = resolve_object(thing.object, thing.unit, metres(thing.size))
     read = reading.options({**data.given(), "usual_up": "z"})
     found = field_score(recorded, repaired, mesh, poses=thing.object_poses, options=read, max_correction=MAX_CORRECTION)
-    if output.as_json:
-        print_json({"verdict": found.verdict.line, "missed": list(found.verdict.missed), **to_json(found.rows)})
-    elif not output.quiet:
-        print_table(field_table(found.rows, f"{repaired.name} beside {recorded.name}", found.doubts))
-        print_line(found.verdict.line)
+    output.show(
+        {"verdict": found.verdict.line, "missed": list(found.verdict.missed), **to_json(found.rows)},
+        field_table(found.rows, f"{repaired.name} beside {recorded.name}", found.doubts),
+        found.verdict.line,
+    )
     return 1 if found.verdict.missed else 0

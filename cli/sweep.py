@@ -3,14 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
-from .arguments import options
-from .arguments.option_group import OptionGroup, option
-from .console import end_on_sigterm, print_json, print_line, print_notes, print_table, progress
+from .arguments.command import OptionGroup, argument, make_command, option
+from .arguments.options import Jobs, OutPath, Printing
+from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,29 +24,22 @@ MOST_ROWS = 60
 class SweepSettings(OptionGroup):
     """Folder of a sweep, and how its cells are run."""
 
-    out: Path | None = options.output_file(
-        "FOLDER",
+    out: OutPath | None = option(
         "Folder of the results; cells that are done there are not run again. Default: results/ and the plan's name.",
+        "FOLDER",
     )
-    jobs: int | None = option(
-        type=options.JOBS,
-        metavar="N",
-        help="Cells at a time, in processes of this machine. Default: one for each physical core.",
+    jobs: Jobs | None = option(
+        "Cells at a time, in processes of this machine. Default: one for each physical core.", "N"
     )
     scheduler: str = option(
-        metavar="ADDRESS",
-        default="",
-        help="Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.",
+        "Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.", "ADDRESS", default=""
     )
-    dry_run: bool = option(is_flag=True, help="Count the cells, and those that are left to run; write nothing.")
-    summary_only: bool = option(is_flag=True, help="Keep a row of figures for each cell, and not its ticks.")
+    dry_run: bool = option("Count the cells, and those that are left to run; write nothing.")
+    summary_only: bool = option("Keep a row of figures for each cell, and not its ticks.")
 
 
-@click.command(cls=options.Command)
-@click.argument("plan", metavar="PLAN", type=options.FILE)
-@SweepSettings.argument("settings")
-@options.Printing.argument("printing")
-def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> int:
+@make_command
+def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing: Printing) -> int:
     """Replay all that a plan names, each with each, and resume.
 
     PLAN is a TOML file of objects, motions, methods, surfaces and sets of options (docs/results.md). Each cell is what
@@ -75,7 +66,7 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
         report("reading the plan", 0, 1)
         read = load_plan(plan)
         folder = SweepFolder(settings.out or RESULTS / read.name)
-        if not printing.quiet and not printing.as_json:
+        if printing.for_people:
             print_notes(read.notes)
         if not settings.dry_run:
             how: dict[str, Any] = {"scheduler": settings.scheduler, "keep_results": not settings.summary_only}
@@ -84,30 +75,29 @@ def command(plan: Path, settings: SweepSettings, printing: options.Printing) -> 
             write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
         left = [planned for planned in read.cells if not folder.done(planned)]
+        cells, done = len(read.cells), len(read.cells) - len(left)
         ticks = sum(planned.run_ticks for planned in left)
-        if printing.as_json:
-            print_json({"cells": len(read.cells), "done": len(read.cells) - len(left), "ticks": ticks})
-        else:
-            done, cells = len(read.cells) - len(left), counted(len(read.cells), "cell")
-            print_line(f"{cells}: {done:,} done, {len(left):,} to run, {counted(ticks, 'tick')}")
+        printing.show(
+            {"cells": cells, "done": done, "ticks": ticks},
+            f"{counted(cells, 'cell')}: {done:,} done, {len(left):,} to run, {counted(ticks, 'tick')}",
+        )
         return 0
     failed = [(planned.cell, ended.failed[planned.digest]) for planned in read.cells if planned.digest in ended.failed]
-    if printing.as_json:
-        print_json(
-            {
-                "folder": str(folder.path),
-                "cells": ended.cells,
-                "done_now": ended.run,
-                "done_before": ended.done_before,
-                "failed": [{"cell": cell.label, "options": dict(cell.options), "reason": w} for cell, w in failed],
-                "ticks": ended.ticks,
-                "seconds": ended.seconds,
-                "rows": rows,
-                "notes": list(read.notes),
-            }
-        )
-    elif not printing.quiet:
+    if printing.for_people:
         _print(ended, failed, rows, folder.path)
+    printing.show(
+        {
+            "folder": str(folder.path),
+            "cells": ended.cells,
+            "done_now": ended.run,
+            "done_before": ended.done_before,
+            "failed": [{"cell": cell.label, "options": dict(cell.options), "reason": why} for cell, why in failed],
+            "ticks": ended.ticks,
+            "seconds": ended.seconds,
+            "rows": rows,
+            "notes": list(read.notes),
+        }
+    )
     if printing.quiet and failed:
         shown = [f"{cell.label}: {why}" for cell, why in failed[:MOST_FAILURES]]
         print_notes([f"{counted(len(failed), 'cell')} failed", *shown], prefix="missed")

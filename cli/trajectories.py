@@ -1,16 +1,13 @@
 """`hhsim trajectories`."""
 
-import click
-
 from hhsim.table.table import Table, number, words
 
-from .arguments import options
-from .console import print_json, print_table
+from .arguments.command import make_command
+from .arguments.options import JSON, show
 
 
-@click.command(cls=options.Command)
-@options.json
-def command(as_json: bool) -> None:
+@make_command
+def command(*, as_json: bool = JSON) -> None:
     """List the trajectories that come with hhsim.
 
     Any of the names, or a script or a recording of your own, goes into hhsim replay. Those for any object find their
@@ -25,9 +22,6 @@ def command(as_json: bool) -> None:
     from hhsim.scene.motion_catalogue import describe, trajectory_names
 
     descriptions = [describe(name) for name in trajectory_names()]
-    if as_json:
-        print_json({"trajectories": [item._asdict() for item in descriptions]})
-        return
     columns = (
         words("name"),
         words("what", "title"),
@@ -40,4 +34,5 @@ def command(as_json: bool) -> None:
         words("paper's figure", lambda item: ", ".join(item.figures)),
         words("stresses"),
     )
-    print_table(Table(columns, descriptions))
+    document = {"trajectories": [item._asdict() for item in descriptions]}
+    show(document, Table(columns, descriptions), as_json=as_json)

@@ -3,17 +3,13 @@
 import math
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import click
 
 from hhsim.table.table import Table, number, words
 
-from .arguments import options, solver_options
-from .console import print_json, print_line, print_notes, print_table, progress
-
-if TYPE_CHECKING:
-    from hhsim.verify.verify import Verification
+from .arguments.command import argument, make_command, option
+from .arguments.options import Count, Printing
+from .arguments.scene_options import TRUST
+from .console import print_notes, progress
 
 SHOWN = (
     words("checked", "group"),
@@ -27,19 +23,17 @@ SHOWN = (
 WHY = words("what is claimed; why so much is let pass", lambda claim: "; ".join(filter(None, (claim.says, claim.why))))
 
 
-@click.command(cls=options.Command)
-@click.argument("result", type=options.FILE)
-@click.option(
-    "--every",
-    type=options.COUNT,
-    default=None,
-    metavar="K",
-    help="Measure the true mesh at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.",
-)
-@click.option("--why", is_flag=True, help="Show every claim, with what it says and the reason of its tolerance.")
-@solver_options.trust
-@options.Printing.argument("printing")
-def command(result: Path, every: int | None, why: bool, trust: bool, printing: options.Printing) -> int:
+@make_command
+def command(
+    *,
+    result: Path = argument(),
+    every: Count | None = option(
+        "Measure the true mesh at every K-th tick and at stated maxima. Default: 1 below 10,000 ticks, else 50.", "K"
+    ),
+    why: bool = option("Show every claim, with what it says and the reason of its tolerance."),
+    trust: bool = TRUST,
+    printing: Printing,
+) -> int:
     """Check a result: seal, second run, physics by other code.
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, both are checked. The scene is run again, and
@@ -54,25 +48,13 @@ def command(result: Path, every: int | None, why: bool, trust: bool, printing: o
       hhsim verify session.h5 --every 100 --json
     """
     from hhsim.result.reader import load_result
+    from hhsim.verify.claim import NOT_JUDGED
     from hhsim.verify.verify import verify
 
     begin = time.perf_counter()
     with progress(quiet=printing.quiet) as report:
         found = verify(load_result(result), every=every, trust=trust, progress=report)
-    if printing.as_json:
-        print_json({"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin})
-    elif not printing.quiet:
-        _print(str(result), found, why=why)
-    return 0 if found.passed else 1
-
-
-def _print(label: str, found: "Verification", *, why: bool) -> None:
-    from hhsim.verify.claim import NOT_JUDGED
-
-    print_table(Table((*SHOWN, WHY) if why else SHOWN, found.claims if why else found.worst, label))
     failed = [claim for claim in found.claims if claim.failed]
-    for claim in failed if not why else ():
-        print_line(f"FALSE: {claim.name}: {WHY.shown(claim)}")
     spheres, mesh = 1e6 * found.sphere_penetration, 1e6 * found.mesh_penetration
     deep = "deepest in the " + ("" if math.isnan(spheres) else f"spheres {spheres:.3f} µm, in the ")
     deep += "mesh not judged" if math.isnan(mesh) else f"mesh {mesh:.3f} µm"
@@ -80,9 +62,16 @@ def _print(label: str, found: "Verification", *, why: bool) -> None:
     unjudged = f"; not judged: {', '.join(rest)}" if rest else ""
     false = ", ".join(dict.fromkeys(claim.name for claim in failed))
     verdict = f"FALSE: {false}" if failed else "every claim that could be judged holds"
-    print_line(f"{found.looked}; {deep}{unjudged}; {verdict}")
-    told = found.claims if why else [claim for claim in found.claims if claim.failed or claim.name in rest]
-    print_notes(list(dict.fromkeys(f"{claim.name}: {claim.note}" for claim in told if claim.note)))
+    printing.show(
+        {"result": str(result), **found.to_json(), "seconds": time.perf_counter() - begin},
+        Table((*SHOWN, WHY) if why else SHOWN, found.claims if why else found.worst, str(result)),
+        *(f"FALSE: {claim.name}: {WHY.shown(claim)}" for claim in failed if not why),
+        f"{found.looked}; {deep}{unjudged}; {verdict}",
+    )
+    if printing.for_people:
+        told = found.claims if why else [claim for claim in found.claims if claim.failed or claim.name in rest]
+        print_notes(list(dict.fromkeys(f"{claim.name}: {claim.note}" for claim in told if claim.note)))
+    return 0 if found.passed else 1
 
 
 def _two_digits(value: float) -> str:

@@ -2,58 +2,36 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Annotated, Any
 
 import click
 
 from hhsim.system.counted import counted
 
-from .arguments import options
-from .arguments.written import RERUN, RERUN_METAVAR, read_target
-from .console import print_json, print_line, print_notes, progress
-
-if TYPE_CHECKING:
-    from hhsim.view.sink import RerunTarget
+from .arguments.command import Number, argument, make_command, option
+from .arguments.options import RERUN, Count, OutPath, Printing, Rerun
+from .console import print_notes, progress
 
 SLOW, PIXELS = 1.0, 640
 
 
-@click.command(cls=options.Command)
-@click.argument("file", metavar="FILE", type=options.FILE)
-@click.option(
-    "--rerun",
-    "target",
-    callback=read_target,
-    type=RERUN,
-    metavar=RERUN_METAVAR,
-    help="Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.",
-)
-@click.option(
-    "--every",
-    type=options.COUNT,
-    default=1,
-    metavar="K",
-    help="Show only every K-th tick; the plots keep the worst of those between, except for forces.",
-)
-@click.option("--spheres", is_flag=True, help="Show the spheres of the object's tree in place of its mesh.")
-@click.option("--video", type=options.OUTPUT, metavar="FILE.gif|.webp|.mp4", help="Make a film of a result.")
-@click.option(
-    "--slow",
-    type=options.Number(0.01, 1000.0),
-    metavar="TIMES",
-    help=f"How many times slower the film plays. Default: {SLOW:g}.",
-)
-@click.option("--pixels", type=click.IntRange(160, 1920), metavar="N", help=f"How wide the film is. Default: {PIXELS}.")
-@options.Printing.argument("printing")
+@make_command
 def command(
-    file: Path,
-    target: "RerunTarget | None",
-    every: int,
-    spheres: bool,
-    video: Path | None,
-    slow: float | None,
-    pixels: int | None,
-    printing: options.Printing,
+    *,
+    file: Path = argument("FILE"),
+    rerun: Rerun | None = option(
+        "Open a viewer, write a file, or send to an open viewer. Default: spawn, or none with --video.", RERUN
+    ),
+    every: Count = option(
+        "Show only every K-th tick; the plots keep the worst of those between, except for forces.", "K", default=1
+    ),
+    spheres: bool = option("Show the spheres of the object's tree in place of its mesh."),
+    video: OutPath | None = option("Make a film of a result.", "FILE.gif|.webp|.mp4"),
+    slow: Annotated[float, Number(0.01, 1000.0)] | None = option(
+        f"How many times slower the film plays. Default: {SLOW:g}.", "TIMES"
+    ),
+    pixels: Annotated[int, click.IntRange(160, 1920)] | None = option(f"How wide the film is. Default: {PIXELS}.", "N"),
+    printing: Printing,
 ) -> None:
     """Look at results in the rerun viewer.
 
@@ -78,32 +56,29 @@ def command(
 
     result = load_result(file)
     begin = time.perf_counter()
-    document: dict[str, object] = {}
-    quiet, silent = printing.quiet, printing.quiet or printing.as_json
+    document: dict[str, Any] = {"result": str(file)}
+    lines = []
     if video is not None:
         from hhsim.view.film import FPS, check_video_path, write_video
 
         check_video_path(video)
         first, *others = result.hands.values()
-        with progress(quiet=silent) as report:
+        with progress(quiet=printing.quiet or printing.as_json) as report:
             frames = write_video(first, video, slow or SLOW, pixels or PIXELS, report, *others)
-        if not silent:
-            seconds = f"{frames / FPS:.1f} s"
-            print_line(f"{counted(frames, 'frame')} of {counted(first.ticks, 'tick')}, {seconds}, in {video}")
         document |= {"video": str(video), "frames": frames}
-    if target is not None or video is None:
+        seconds = f"{frames / FPS:.1f} s"
+        lines.append(f"{counted(frames, 'frame')} of {counted(first.ticks, 'tick')}, {seconds}, in {video}")
+    if rerun is not None or video is None:
         from hhsim.view.sink import check_target, parse_target
         from hhsim.view.viewer import MANY_TICKS, view_file
 
-        if target is None:
-            target = parse_target("spawn")
+        target = parse_target(rerun or "spawn")
+        if rerun is None:
             check_target(target)
-        if result.ticks // every > MANY_TICKS and not quiet:
+        if result.ticks // every > MANY_TICKS and not printing.quiet:
             print_notes([f"{result.ticks:,} ticks: a viewer is quicker with --every {-(-result.ticks // 60_000)}"])
-        with progress(quiet=quiet) as report:
+        with progress(quiet=printing.quiet) as report:
             viewed = view_file(file, target, every=every, spheres=spheres, progress=report)
-        if not silent:
-            print_line(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
         document |= viewed.to_json()
-    if printing.as_json:
-        print_json({"result": str(file), **document, "seconds": time.perf_counter() - begin})
+        lines.append(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
+    printing.show({**document, "seconds": time.perf_counter() - begin}, *lines)

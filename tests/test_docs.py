@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 import click
 import pytest
-from markdown_pages import SPAN, Page, pages
+from markdown_pages import Page, pages
 
 from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.scene.motion_catalogue import trajectory_names
@@ -115,7 +115,7 @@ def _check_command(call: list[str], complete: bool) -> None:
             if not isinstance(text, str) or PLACEHOLDER.fullmatch(text):
                 continue
             kind = parameter.type
-            if isinstance(kind, (click.Choice, click.types.FloatParamType)) or kind.name == "method":
+            if isinstance(kind, (click.Choice, click.types.FloatParamType)) or kind.name == "read_method":
                 kind(text, parameter, context)
             elif isinstance(parameter, click.Argument) and not {".", "/"} & set(text):
                 if parameter.name == "trajectory":
@@ -206,32 +206,9 @@ def test_every_dotted_name_exists(page: Page) -> None:
 
 
 @EACH
-def test_formulas_are_whole(page: Page) -> None:
-    prose = SPAN.sub("", page.prose)
-    if not page.blocks("math"):
-        return
-    inline = re.findall(r"(?<!\\)\$([^$\n]+)\$", prose)
-    for formula in inline:
-        # Markdown takes a backslash before punctuation away, outside of a block.
-        assert not re.search(r"\\[^a-zA-Z]", formula), f"{page.path.name}: {formula}: make it a block"
-    formulas = [*page.blocks("math"), *inline]
-    assert prose.count("$") % 2 == 0, f"{page.path.name}: a formula does not end"
-    for formula in formulas:
-        bare = formula.replace(r"\{", "").replace(r"\}", "")
-        assert bare.count("{") == bare.count("}"), formula
-        assert len(re.findall(r"\\left\b", formula)) == len(re.findall(r"\\right\b", formula)), formula
-        assert re.findall(r"\\begin\{(\w+)\}", formula) == re.findall(r"\\end\{(\w+)\}", formula), formula
-
-
-@EACH
 def test_tables_are_rectangles(page: Page) -> None:
     # A row with a cell too many or too few is shown as text, or cut off.
     for table in re.split(r"\n(?!\|)", page.prose):
         rows = [row for row in table.splitlines() if row.startswith("|")]
         widths = {len(re.findall(r"(?<!\\)\|", re.sub(r"`[^`]*`", "", row))) for row in rows}
         assert len(widths) <= 1, f"{page.path.name}: {rows[0]}"
-
-
-def test_anchors_are_githubs() -> None:
-    page = Page(Path("x.md"), "# QP: `hhsim bench qp`\n## What? A [link](x.md), *it*!\n## Twice\n## Twice\n")
-    assert page.anchors() == {"qp-hhsim-bench-qp", "what-a-link-it", "twice", "twice-1"}

@@ -8,10 +8,8 @@ from typing import NamedTuple
 
 import click
 
-from hhsim.cli.arguments.lazy_group import LazyGroup  # type: ignore[import-not-found]
-
 # cli/ installs as hhsim.cli, where mypy does not look for it.
-from hhsim.cli.arguments.option_group import help_sections  # type: ignore[import-not-found]
+from hhsim.cli.arguments.command import LazyGroup, help_sections  # type: ignore[import-not-found]
 from hhsim.cli.main import hhsim  # type: ignore[import-not-found]
 
 WIDTH = 120
@@ -60,7 +58,7 @@ def _section(found: CommandHelp) -> str:
             parts += [f"{heading}:", "\n".join(items)]
     if isinstance(found.command, LazyGroup):
         anchor = found.path.replace(" ", "-")
-        members = found.command.lines.items()
+        members = found.command.lines().items()
         lines = [f"- [`{found.path} {name}`](#{anchor}-{name}): {line}" for name, line in members]
         parts += [f"{found.command.kind.capitalize()}s:", "\n".join(lines)]
     return "\n\n".join(parts) + "\n"

@@ -1,54 +1,41 @@
-"""Options of a recording: what its numbers mean, what its format needs besides, where its object is, and sampling."""
+"""Options of a recording: what its numbers mean, what its format needs besides, and where its object is."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import click
+from hhsim.recordings.formats import FORMATS
 
-from .option_group import OptionGroup, option, shared
-from .options import SIDES, UNITS, Number, Side, file, rate
+from .command import Number, OptionGroup, option
+from .options import AnySeed, Side, Unit
 
 if TYPE_CHECKING:
     from hhsim.recordings.registry import ReadOptions
 
-
-class FormatOption(click.Option):
-    """An option whose help names the formats when it is shown."""
-
-    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
-        """Ask for the names, which imports no format."""
-        from hhsim.recordings.formats import FORMATS
-
-        *names, last = FORMATS.names()
-        self.help = f"Format of the file: {', '.join(names)} or {last}. Default: the content decides."
-        return super().get_help_record(ctx)
+*FIRST_FORMATS, LAST_FORMAT = FORMATS.names()
 
 
 class FileSettings(OptionGroup, heading="Recording"):
     """Meaning of the numbers in the file."""
 
-    form: str | None = option("--format", cls=FormatOption, metavar="NAME")
-    columns: Path | None = file("TOML", "Meaning of a CSV's columns (docs/recordings.md has an example).")
-    hand: Side | None = option(type=SIDES, help="Which hand it is, where the file does not say.")
-    time_unit: str | None = option(
-        type=click.Choice(["s", "ms", "us", "ns"]),
-        help="Unit of the stamps. Default: what the file says, else found from the stamps.",
+    form: str | None = option(
+        f"Format of the file: {', '.join(FIRST_FORMATS)} or {LAST_FORMAT}. Default: the content decides.",
+        "NAME",
+        "--format",
     )
-    length_unit: str | None = option(
-        type=UNITS, help="Unit of the positions. Default: what the file says, else found from them."
+    columns: Path | None = option("Meaning of a CSV's columns (docs/recordings.md has an example).", "TOML")
+    hand: Side | None = option("Which hand it is, where the file does not say.")
+    time_unit: Literal["s", "ms", "us", "ns"] | None = option(
+        "Unit of the stamps. Default: what the file says, else found from the stamps."
     )
-    angle_unit: str | None = option(
-        type=click.Choice(["rad", "deg"]),
-        help="Unit of the joint angles. Default: what the file says, else found from them.",
+    length_unit: Unit | None = option("Unit of the positions. Default: what the file says, else found from them.")
+    angle_unit: Literal["rad", "deg"] | None = option(
+        "Unit of the joint angles. Default: what the file says, else found from them."
     )
     palm_axes: str | None = option(
-        metavar="X,Y,Z",
-        help="Axes of a right palm to little finger, fingers and back. Default: what the file says, else x,y,z.",
+        "Axes of a right palm to little finger, fingers and back. Default: what the file says, else x,y,z.", "X,Y,Z"
     )
-    rate: float | None = option(
-        type=Number(0.1, 100_000.0),
-        metavar="HZ",
-        help="Samples a second of a file without stamps [Hz], such as a camera's keypoints.",
+    rate: Annotated[float, Number(0.1, 100_000.0)] | None = option(
+        "Samples a second of a file without stamps [Hz], such as a camera's keypoints.", "HZ"
     )
 
     def options(self, others: dict[str, Any]) -> "ReadOptions":
@@ -68,60 +55,33 @@ class FileSettings(OptionGroup, heading="Recording"):
 class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare numbers"):
     """Additional data that files of poses and data sets need."""
 
-    world_up: str | None = option(
-        type=click.Choice(["x", "y", "z", "-x", "-y", "-z"]),
-        help="Axis of the recording's world that points up. Default: what the file says, else z.",
+    world_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = option(
+        "Axis of the recording's world that points up. Default: what the file says, else z."
     )
-    mirror: str | None = option(
-        type=click.Choice(["x", "y", "z"]),
-        help="Axis of left-handed coordinates that is turned round, of hand and object: z of Unity's.",
+    mirror: Literal["x", "y", "z"] | None = option(
+        "Axis of left-handed coordinates that is turned round, of hand and object: z of Unity's."
     )
-    mano_model: Path | None = file("FILE", "Your own file of the MANO model, .pkl or .npz.")
-    mano_pose: str | None = option(
-        type=click.Choice(["axis-angle", "axis-angle-mean", "pca", "pca-flat"]),
-        help="Numbers of a MANO pose: angles or PCA coefficients, from the flat hand or from the mean pose.",
+    mano_model: Path | None = option("Your own file of the MANO model, .pkl or .npz.", "FILE")
+    mano_pose: Literal["axis-angle", "axis-angle-mean", "pca", "pca-flat"] | None = option(
+        "Numbers of a MANO pose: angles or PCA coefficients, from the flat hand or from the mean pose."
     )
-    profile: Path | None = file("JSON", "Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording.")
+    profile: Path | None = option(
+        "Sizes of an UmeTrack hand. Default: *user_profile.json beside the recording.", "JSON"
+    )
     object_track: str | None = option(
-        metavar="UID",
-        help="Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.",
+        "Object that moves with an UmeTrack hand, of dynamic_objects.csv beside it. Default: the only one.", "UID"
     )
-    episode: int | None = option(
-        type=click.IntRange(0, 2**63 - 1), metavar="N", help="Episode of a LeRobot file. Default: the only one."
+    episode: AnySeed | None = option("Episode of a LeRobot file. Default: the only one.", "N")
+    array: str | None = option("Array of joints, in an .npz or a pickle with several.", "NAME")
+    joint_order: Literal["mediapipe", "mano", "smplx", "openxr", "unity"] | None = option(
+        "Order of joints without names. Default: found from the lengths of the bones."
     )
-    array: str | None = option(metavar="NAME", help="Array of joints, in an .npz or a pickle with several.")
-    joint_order: str | None = option(
-        type=click.Choice(["mediapipe", "mano", "smplx", "openxr", "unity"]),
-        help="Order of joints without names. Default: found from the lengths of the bones.",
+    pose_order: Literal["wxyz", "xyzw"] | None = option(
+        "Order of a palm's or an object's quaternions, where no name tells it."
     )
-    pose_order: str | None = option(
-        type=click.Choice(["wxyz", "xyzw"]),
-        help="Order of a palm's or an object's quaternions, where no name tells it.",
-    )
-    pose_unit: str | None = option(
-        type=click.Choice(["m", "cm", "mm"]), help="Unit of an object's positions. Default: that of the hand's."
-    )
+    pose_unit: Literal["m", "cm", "mm"] | None = option("Unit of an object's positions. Default: that of the hand's.")
 
 
-def place_object(default: str | None) -> Any:
-    """Return the option for the place of a recording's object, with a default.
-
-    None stands for recorded, and auto where the hand then touches nothing or begins inside.
-    """
-    return option(
-        "--place-object",
-        type=click.Choice(["recorded", "auto"]),
-        default=default,
-        help="Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto).",
-    )
-
-
-class Sampling(OptionGroup, heading="Motion"):
-    """Sampling of a motion; `rate` in [Hz]."""
-
-    rate: float = shared(rate)
-    samples: Literal["interpolate", "hold"] = option(
-        type=click.Choice(["interpolate", "hold"]),
-        default="interpolate",
-        help="Between two samples of a recording: a smooth curve, or the last sample, as a glove gives it.",
-    )
+Place = Literal["recorded", "auto"]
+PLACE_HELP = "Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto)."
+"""Help of --place-object; None stands for recorded, and auto where the hand then touches nothing or begins inside."""

@@ -1,17 +1,11 @@
 """`hhsim live`: one subcommand a kind of device, imported when it is run."""
 
-from ..arguments.lazy_group import LazyGroup, show_help
-
-COMMANDS = {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."}
-"""Commands with one line each."""
+from ..arguments.command import LazyGroup, imported
 
 command = LazyGroup(
     "live",
-    COMMANDS,
-    module=lambda name: f"live.{name}",
-    kind="command",
-    short_help="Put a glove in the loop at 1 kHz, safely, and record it.",
-    invoke_without_command=True,
+    lambda: {"glove": "A data glove in the loop: its hand against an object, forces back to its fingers."},
+    lambda name: imported(f"live.{name}"),
     subcommand_metavar="COMMAND [ARGS]...",
     help="""Put a glove in the loop at 1 kHz, safely, and record it.
 
@@ -22,5 +16,4 @@ command = LazyGroup(
       hhsim live glove --device sim
       hhsim live glove cube --device dexmo --host 127.0.0.1
     """,
-    callback=show_help,
 )

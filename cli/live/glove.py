@@ -3,7 +3,7 @@
 import sys
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 
@@ -11,16 +11,10 @@ from hhsim.live.gloves import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
-from ..arguments import options
-from ..arguments.comma_list import number_list, one_or_five
-from ..arguments.free_object import FreeChoice
-from ..arguments.object_argument import MeshFile, TreeChoice, complete_object
-from ..arguments.option_group import GroupedCommand, OptionGroup, option, shared
-from ..arguments.solver_options import OWN_METHODS, SolverChoice
-from ..arguments.written import RERUN, RERUN_METAVAR, read_target
+from ..arguments import options, scene_options
+from ..arguments.command import Number, OptionGroup, make_command, option
 from ..console import print_json, print_notes, progress
-from ..replay import complete_trajectory
-from .glove_settings import GloveChoice, glove_choice, own_options
+from .glove_settings import GloveChoice, own_options
 from .session import run_session
 from .summary import print_summary, session_json
 
@@ -32,50 +26,36 @@ if TYPE_CHECKING:
 
 USUAL_MOTION, USUAL_FREE_MOTION = "grasp", "lift"
 """Motions of a glove that plays one, beside a fixed object and a free one."""
-
-
-def check_rerun(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Check at once that viewer or file can be used; the viewer's process parses the option again."""
-    read_target(context, parameter, value)
-    return value
+ABOUT_POSES = "; ".join(f"{name}: {pose.about}" for name, pose in POSES.items())
+Place = Annotated[
+    tuple[float, ...], options.number_list("x [mm]", "y [mm]", "z [mm]", ranges=[(-100_000.0, 100_000.0)] * 3)
+]
+Turn = Annotated[tuple[float, ...], options.number_list("w", "x", "y", "z", ranges=[(-1000.0, 1000.0)] * 4)]
 
 
 class HandChoice(OptionGroup, heading="Hand"):
     """Hand, its motion if nobody moves it, and the source of the palm's pose."""
 
-    side: options.Side | None = option(
-        "--hand", type=options.SIDES, help="Which hand's glove. Default: right, or the recording's."
-    )
-    hand_file: Path | None = shared(options.hand_file)
+    side: options.Side | None = option("Which hand's glove. Default: right, or the recording's.", None, "--hand")
+    hand_file: Path | None = options.HAND_FILE
     trajectory: str | None = option(
-        metavar="TRAJECTORY",
-        shell_complete=complete_trajectory,
-        help="Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
+        "Motion of --device replay or sim, or of --pose replay: a name (hhsim trajectories), or a file as hhsim "
         "replay takes it. Default: grasp; with --free lift.",
+        "TRAJECTORY",
+        shell_complete=scene_options.complete_trajectory,
     )
-    pose: str | None = option(
-        type=click.Choice(list(POSES)),
-        help="Where the palm is, which few gloves say. "
-        f"{'; '.join(f'{name}: {pose.about}' for name, pose in POSES.items())}. "
+    pose: Annotated[str, click.Choice(list(POSES))] | None = option(
+        f"Where the palm is, which few gloves say. {ABOUT_POSES}. "
         "Default: replay where the glove plays a motion, glove where it knows; else keyboard in a terminal, and fixed "
-        "elsewhere.",
+        "elsewhere."
     )
-    palm: tuple[float, ...] | None = option(
-        callback=number_list("x [mm]", "y [mm]", "z [mm]", ranges=[(-100_000.0, 100_000.0)] * 3),
-        metavar="X,Y,Z",
-        help="Where the palm is or begins [mm]. Default: where it can grasp the object.",
+    palm: Place | None = option("Where the palm is or begins [mm]. Default: where it can grasp the object.", "X,Y,Z")
+    palm_turn: Turn | None = option(
+        "How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.", "W,X,Y,Z"
     )
-    palm_turn: tuple[float, ...] | None = option(
-        callback=number_list("w", "x", "y", "z", ranges=[(-1000.0, 1000.0)] * 4),
-        metavar="W,X,Y,Z",
-        help="How the palm is turned there, a quaternion. Default: as it is, 1,0,0,0.",
-    )
-    pose_host: str = option(metavar="HOST", default="127.0.0.1", help="Where the packets of --pose udp come from.")
-    pose_port: int = option(
-        type=click.IntRange(1, 65535),
-        metavar="PORT",
-        default=USUAL_POSE_PORT,
-        help="Port that these packets arrive at.",
+    pose_host: str = option("Where the packets of --pose udp come from.", "HOST", default="127.0.0.1")
+    pose_port: Annotated[int, click.IntRange(1, 65535)] = option(
+        "Port that these packets arrive at.", "PORT", default=USUAL_POSE_PORT
     )
 
     def of_both(self, glove: GloveChoice, seed: int, usual_motion: str) -> "list[tuple[HandChoice, Inputs]]":
@@ -159,91 +139,66 @@ class HandChoice(OptionGroup, heading="Hand"):
 class Feedback(OptionGroup, heading="Forces"):
     """Commands to the fingers; `stale` in [ms]."""
 
-    stiffness: tuple[float, ...] | None = option(
-        callback=one_or_five,
-        metavar="K",
-        help="How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.",
+    stiffness: Annotated[tuple[float, ...], options.one_or_five] | None = option(
+        "How hard the glove stops a finger that touches, 0 (free) to 1; one number or five. Default: 0.3.", "K"
     )
-    stale: float = option(
-        type=options.Number(1.0, 1000.0),
-        default=25.0,
-        metavar="MS",
-        help="Input older than this frees the fingers [ms].",
+    stale: Annotated[float, Number(1.0, 1000.0)] = option(
+        "Input older than this frees the fingers [ms].", "MS", default=25.0
     )
-    after_stall: str = option(
-        type=click.Choice(list(AFTER_STALL)),
-        default="release",
-        help="What becomes of a finger's stiffness when 10 periods were missed in a row. "
+    after_stall: Annotated[str, click.Choice(list(AFTER_STALL))] = option(
+        "What becomes of a finger's stiffness when 10 periods were missed in a row. "
         f"{'; '.join(f'{name}: {what}' for name, what in AFTER_STALL.items())}. A stall of 20 ms "
         "frees all of them in any case.",
+        default="release",
     )
-    dry_run: bool = option(is_flag=True, help="Read the glove, and send nothing to it.")
+    dry_run: bool = option("Read the glove, and send nothing to it.")
 
 
-class SessionSolver(SolverChoice):
+class SessionSolver(scene_options.SolverChoice):
     """Solver of a session, whose loop is compiled with hhsim's own methods alone."""
 
-    method: str = option(type=click.Choice(METHODS.names()), default="coupled", help=f"{OWN_METHODS}.")
+    method: Annotated[str, click.Choice(METHODS.names())] = option(f"{scene_options.OWN_METHODS}.", default="coupled")
 
 
-class SessionSettings(OptionGroup, heading="Session"):
+class SessionSettings(options.Printing, heading="Session"):
     """Rate [Hz], duration [s], display and recording of the session."""
 
-    rate: float = option(type=options.Number(10.0, 10_000.0), default=1000.0, metavar="HZ", help="Ticks a second [Hz].")
-    duration: float | None = option(
-        type=options.Number(0.001, 1e7),
-        metavar="S",
-        help="End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.",
+    rate: Annotated[float, Number(10.0, 10_000.0)] = option("Ticks a second [Hz].", "HZ", default=1000.0)
+    duration: Annotated[float, Number(0.001, 1e7)] | None = option(
+        "End by itself after so long [s]. Default: when told to; with --device replay, at the end of the motion.", "S"
     )
-    record: Path | None = option(
+    record: options.OutPath | None = option(
+        "Where the recording goes, some 2 MB a second, 3 of a free object. Default: a dated name in results/ "
+        "under the current folder.",
+        "FILE",
         "--record",
         "--out",
-        type=options.OUTPUT,
-        metavar="FILE",
-        help="Where the recording goes, some 2 MB a second, 3 of a free object. Default: a dated name in results/ "
-        "under the current folder.",
     )
-    no_record: bool = option(is_flag=True, help="Record nothing.")
-    rerun: str | None = option(
-        callback=check_rerun,
-        type=RERUN,
-        metavar=RERUN_METAVAR,
-        help="Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
+    no_record: bool = option("Record nothing.")
+    rerun: options.Rerun | None = option(
+        "Show the hand live in the rerun viewer: open one, write a file for one, or send to one that is open, at "
         "HOST:PORT.",
+        options.RERUN,
     )
-    cpu: int | None = option(
-        type=click.IntRange(-1, 4095),
-        metavar="N",
-        help="Processor that the loop stays on; -1: any. Default: the last one.",
+    cpu: Annotated[int, click.IntRange(-1, 4095)] | None = option(
+        "Processor that the loop stays on; -1: any. Default: the last one.", "N"
     )
-    no_realtime: bool = option(
-        is_flag=True, help="Ask the system for no real-time scheduling, locked memory or own processor."
-    )
-    seed: int = shared(options.seed)
-    as_json: bool = shared(options.json)
-    quiet: bool = shared(options.quiet)
+    no_realtime: bool = option("Ask the system for no real-time scheduling, locked memory or own processor.")
+    seed: options.AnySeed = options.SEED
 
 
-@click.command(cls=GroupedCommand)
-@click.argument("object_", metavar="[OBJECT]", default="bunny", shell_complete=complete_object)
-@glove_choice().argument("glove")
-@HandChoice.argument("hand")
-@Feedback.argument("feedback")
-@SessionSolver.argument("solver")
-@TreeChoice.argument("tree")
-@FreeChoice.argument("free")
-@SessionSettings.argument("session")
-@MeshFile.argument("mesh_file")
+@make_command
 def command(
-    object_: str,
+    *,
+    object_: str = scene_options.OBJECT,
     glove: GloveChoice,
     hand: HandChoice,
     feedback: Feedback,
     solver: SessionSolver,
-    tree: TreeChoice,
-    free: FreeChoice,
+    tree: scene_options.TreeChoice,
+    free: scene_options.FreeChoice,
     session: SessionSettings,
-    mesh_file: MeshFile,
+    mesh_file: scene_options.MeshFile,
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 
@@ -290,9 +245,9 @@ def command(
     motions = [motion for _, (_, _, motion) in worn]
     for (own, _), motion in zip(worn, motions):
         print_notes(import_remarks(motion, own.trajectory or ""))
-    options = SolverOptions(period=1.0 / session.rate, **solver.given())
+    solver_options = SolverOptions(period=1.0 / session.rate, **solver.given())
     for motion in motions:
-        free.require(options, motion)
+        free.check_motion(motion)
     models = [
         HandModel.default(device.hand) if own.hand_file is None else HandModel.from_toml(own.hand_file, device.hand)
         for own, (device, _, _) in worn
@@ -300,8 +255,8 @@ def command(
     words = SceneWords(object=object_, trajectory=hand.trajectory or usual, free=free.words(), **mesh_file.words(tree))
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
-    if any(body.is_free for body in bodies.settings):
-        require_free(options)
+    if free.free or any(body.is_free for body in bodies.settings):
+        require_free(solver_options)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None
     if not session.no_record:
@@ -338,7 +293,7 @@ def command(
     setup = LiveSetup(
         scene=given.scene,
         worn=tuple(gloves),
-        options=options,
+        options=solver_options,
         rate=session.rate,
         output=OutputLimits() if feedback.stiffness is None else OutputLimits(stiffness=feedback.stiffness),
         safety=SafetyLimits(stale=1e-3 * feedback.stale, after_stall=feedback.after_stall),

@@ -4,15 +4,14 @@ import re
 from collections.abc import Container, Iterator, Mapping
 from dataclasses import MISSING, Field, fields
 from types import MappingProxyType, NoneType
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 import click
-from click.core import ParameterSource
 
 from hhsim.live.gloves import GLOVES, Setting
 
-from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import HANDS, Number
+from ..arguments.command import FILE, Number, OptionGroup, is_typed, option
+from ..arguments.options import HANDS
 
 Worn = dict[str, tuple[str, str]]
 """Name of the glove on each hand, and its own options as text."""
@@ -44,9 +43,35 @@ class Gloves(click.Choice[str]):
 
 
 class GloveChoice(OptionGroup, heading="Glove"):
-    """Glove and its settings, which are fields of the subclass that `glove_choice` makes."""
+    """Glove, or `Worn`, and the settings of all gloves by name."""
 
     device: Any
+    named: Mapping[str, Any]
+
+    @classmethod
+    def parameters(cls) -> Iterator[click.Parameter]:
+        """Yield --device, the settings that several gloves have, then each glove's own."""
+        about = "; ".join(f"{name}: {GLOVES[name].about}" for name in GLOVES)
+        two = "Two gloves: left=NAME,right=NAME, each with options of its own if need be, as left=udp[port=24171]"
+        device = option(f"{about}. {two}.", default="sim")
+        yield device.parameter("device", Annotated[Any, Gloves(list(GLOVES))], cls.heading)
+        for name, gloves in sorted(_by_name().items(), key=lambda item: len(item[1]) == 1):
+            item = next(iter(gloves.values()))
+            setting: Setting = item.metadata["setting"]
+            text = f"{setting.text} [{setting.unit}]." if setting.unit else f"{setting.text}."
+            default = item.default
+            if len(gloves) == 1:
+                text = f"With --device {next(iter(gloves))}: {text[0].lower()}{text[1:]}"
+            elif len({other.default for other in gloves.values()}) > 1:
+                text += f" Default: {', '.join(f'{other.default} for {glove}' for glove, other in gloves.items())}."
+                default = None
+            made = option(text, setting.metavar, default=default, show_default=default not in ("", None))
+            yield made.parameter(name, Annotated[Any, _type(item, setting)], cls.heading)
+
+    @classmethod
+    def of_values(cls, values: dict[str, Any]) -> "GloveChoice":
+        """Return the record of the glove and all settings."""
+        return cls(device=values.pop("device"), named=values)
 
     @property
     def two(self) -> bool:
@@ -59,10 +84,10 @@ class GloveChoice(OptionGroup, heading="Glove"):
         chosen = dict.fromkeys(name for name, _ in self.device.values()) if self.two else {device: None}
         found = dict(own)
         for name, gloves in _by_name().items():
-            if context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+            if not is_typed(context, name):
                 continue
             if device in gloves:
-                found.setdefault(name, getattr(self, name))
+                found.setdefault(name, self.named[name])
             elif not any(other in gloves for other in chosen):
                 flag = _option(context, name).opts[0]
                 raise click.UsageError(f"{flag} is for --device {' or '.join(gloves)}, not {' or '.join(chosen)}")
@@ -90,31 +115,6 @@ def _option(context: click.Context, name: str) -> click.Parameter:
     return found
 
 
-def glove_choice() -> type[GloveChoice]:
-    """Make the options: --device, the settings that several gloves have, then each glove's own."""
-    about = "; ".join(f"{name}: {GLOVES[name].about}" for name in GLOVES)
-    two = "Two gloves: left=NAME,right=NAME, each with options of its own if need be, as left=udp[port=24171]"
-    device = option("--device", type=Gloves(list(GLOVES)), default="sim", help=f"{about}. {two}.")
-    options = {"device": device, **dict(_settings())}
-    return type("KnownGloves", (GloveChoice,), {"__annotations__": dict.fromkeys(options, Any), **options})
-
-
-def _settings() -> Iterator[tuple[str, Any]]:
-    for name, gloves in sorted(_by_name().items(), key=lambda item: len(item[1]) == 1):
-        item = next(iter(gloves.values()))
-        setting: Setting = item.metadata["setting"]
-        text = f"{setting.text} [{setting.unit}]." if setting.unit else f"{setting.text}."
-        default = item.default
-        if len(gloves) == 1:
-            text = f"With --device {next(iter(gloves))}: {text[0].lower()}{text[1:]}"
-        elif len({other.default for other in gloves.values()}) > 1:
-            text += f" Default: {', '.join(f'{other.default} for {glove}' for glove, other in gloves.items())}."
-            default = None
-        shown = default not in ("", None)
-        kind = _type(item, setting)
-        yield (name, option(type=kind, default=default, show_default=shown, metavar=setting.metavar, help=text))
-
-
 def _by_name() -> dict[str, dict[str, Field[Any]]]:
     """Return each setting: its gloves, and its declaration there."""
     found: dict[str, dict[str, Field[Any]]] = {}
@@ -133,4 +133,4 @@ def _type(item: Field[Any], setting: Setting) -> Any:
     if setting.least is not None and setting.most is not None:
         least, most = setting.least, setting.most
         return click.IntRange(int(least), int(most)) if kind is int else Number(least, most)
-    return click.Path() if setting.metavar == "FILE" else kind
+    return FILE if setting.metavar == "FILE" else kind

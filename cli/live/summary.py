@@ -12,7 +12,6 @@ from ..console import print_line, print_table
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
     from hhsim.metrics.session_faults import FaultCounts
-    from hhsim.result.reader import Result
 
 Row = tuple[str, str, str]
 
@@ -62,7 +61,6 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     found = recording_errors(outcome)
     if found:
         rows.append(("penetration in the recording, max", shown(1e6 * found["penetration_max"], 3), "µm"))
-        rows.append(("contacts off the mesh in the recording, max", shown(1e3 * found["contact_error_max"], 3), "mm"))
     if "object_raised" in found:
         rows.append(("object raised, max", shown(1e3 * found["object_raised"], 2), "mm"))
     return rows
@@ -86,7 +84,7 @@ def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
     """Return errors over the recording [m]; empty if it is not whole.
 
-    They are `penetration_max` and `contact_error_max`, NaN if nothing touched, and of a free object `object_raised`.
+    They are `penetration_max`, and of a free object `object_raised`.
     """
     from hhsim.errors import InputError
     from hhsim.metrics.run_ticks import result_free_run
@@ -100,32 +98,9 @@ def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
             free = result_free_run(result)
             return {
                 "penetration_max": float(result.summary["penetration_max"]),
-                "contact_error_max": _off_the_mesh(result),
                 **({} if free is None else {"object_raised": free.raised}),
             }
     return {}
-
-
-def _off_the_mesh(result: "Result") -> float:
-    import numpy as np
-
-    from hhsim.hand.forward_kinematics import PlacedHand
-    from hhsim.metrics.mesh_penetration import ticks_looked_at
-    from hhsim.metrics.run_ticks import PLACED, result_ticks
-
-    run = result_ticks(result)
-    chosen = ticks_looked_at(run.contact)
-    if run.touched is None or chosen.size == 0:
-        return math.nan
-    # The poses of hours do not fit into memory: only the chosen ones of each block are kept.
-    first, parts = 0, []
-    for block in result.seen_from_object.blocks(PLACED):
-        size = len(block[PLACED[0]])
-        here = chosen[(chosen >= first) & (chosen < first + size)] - first
-        parts.append([block[name][here] for name in PLACED])
-        first += size
-    placed = PlacedHand(*(np.concatenate(columns) for columns in zip(*parts)))
-    return float(np.fmax.reduce(run.touched.contact_error(placed, np.ones(chosen.size, bool)), initial=math.nan))
 
 
 def session_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
@@ -153,7 +128,7 @@ def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
         "counters": asdict(outcome.counters),
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,
-        **dict.fromkeys(("penetration_max", "contact_error_max")),
+        "penetration_max": None,
         **recording_errors(outcome),
         **fault_counts(outcome).figures,
         "watchdog_restarts": outcome.watchdog_restarts,

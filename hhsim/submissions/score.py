@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, named_scene, scene_digest
-from hhsim.submissions.suspicions import as_seen, body_figures, require_scene, shown_scene, suspicions
+from hhsim.submissions.suspicions import BODY_DEPTH, as_seen, body_depth, require_scene, shown_scene, suspicions
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
@@ -44,19 +44,12 @@ from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
 NEAR = 1e-3
 """Distance of the user's hand from the mesh [m] below which a tick counts for the least-energy pose."""
 
+# Depth of the hand in the mesh; undefined if the mesh encloses nothing.
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
+# Distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
+# (`hhsim.solver.reference_optimum.best_hands`), the largest of each tick in contact.
 OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
 OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
-
-
-class PoseErrors(NamedTuple):
-    """Measures of poses besides the figures of a run; NaN where undefined."""
-
-    mesh_depth_max: float  # largest depth of the hand in the mesh [m]; undefined if the mesh encloses nothing
-    # Largest distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
-    # (`hhsim.solver.reference_optimum.best_hands`) [m], over the ticks in contact.
-    off_best_mean: float
-    off_best_max: float
 
 
 def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
@@ -104,20 +97,19 @@ class HandScore:
     """Table of one hand of a run as `hhsim replay` has it, and what its poses tell besides."""
 
     summary: ReplaySummary
-    errors: PoseErrors
+    errors: Mapping[Figure, float]  # SI; NaN where undefined
 
     @property
     def rows(self) -> tuple[SummaryRow, ...]:
         """Short table: depths, distances from the best poses, then the run's figures."""
-        named = zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), self.errors)
-        own = {row.name: row for row in (SummaryRow(figure, value) for figure, value in named)}
+        own = {figure.name: SummaryRow(figure, value) for figure, value in self.errors.items()}
         short = {row.name: row for row in short_table(self.summary.rows, self.summary.verdict.missed)}
         depths = [short.pop("penetration_max", None), own.pop(MESH_DEPTH.name), short.pop("contact_error_max", None)]
         return (*(row for row in depths if row is not None), *own.values(), *short.values())
 
     def to_json(self) -> dict[str, Any]:
         """Return it as a document, SI units."""
-        return {**self.summary.to_json(), **self.errors._asdict()}
+        return {**self.summary.to_json(), **{figure.name: value for figure, value in self.errors.items()}}
 
 
 @dataclass(frozen=True)
@@ -126,7 +118,6 @@ class Score:
 
     hands: Mapping[str, HandScore]  # by their sides
     bodies: Mapping[Figure, float]
-    not_judged: tuple[str, ...]
     suspicions: tuple[str, ...]
     scene: str
 
@@ -136,7 +127,7 @@ class Score:
         runs = [hand.summary for hand in self.hands.values()]
         timed = any(row.name.startswith("tick_") for run in runs for row in run.rows)
         said = dict.fromkeys(note for run in runs for note in run.notes)
-        return (*((STATED_TIMES,) if timed else ()), *said, *self.not_judged)
+        return (*((STATED_TIMES,) if timed else ()), *said)
 
     @property
     def body_rows(self) -> tuple[SummaryRow, ...]:
@@ -239,16 +230,19 @@ def score(
                 places, turns = frame.points(at.position), frame.orientations(at.orientation)
                 world = forward_kinematics(hand.model, *at._replace(position=places, orientation=turns))
             off_best = _off_best(seen, hand.model, haptic, options.at_rate(scene.ticks.rate), placed)
-            hands[hand.model.side] = HandScore(summary, PoseErrors(_mesh_depth(shown, hand.model, world), *off_best))
-    bodies, notes = body_figures(scene, shown, submission)
-    known = {side: _finite(of.errors._asdict()) for side, of in hands.items()}
+            values = (_mesh_depth(shown, hand.model, world), *off_best)
+            errors = dict(zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), values, strict=True))
+            hands[hand.model.side] = HandScore(summary, errors)
+    several = submission.bodies and len(scene.bodies) > 1
+    bodies = {BODY_DEPTH: body_depth(scene, shown)} if several else {}
+    known = {side: _finite(of.errors) for side, of in hands.items()}
     of_hands = known if len(hands) > 1 else next(iter(known.values()))
-    add_document(writer.path, "score", of_hands | _finite({figure.name: value for figure, value in bodies.items()}))
-    return Score(hands, bodies, notes, doubts, digest)
+    add_document(writer.path, "score", of_hands | _finite(bodies))
+    return Score(hands, bodies, doubts, digest)
 
 
-def _finite(values: Mapping[str, float]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if np.isfinite(value)}
+def _finite(values: Mapping[Figure, float]) -> dict[str, Any]:
+    return {figure.name: value for figure, value in values.items() if np.isfinite(value)}
 
 
 class _SubmittedEngine(OutsideEngine):

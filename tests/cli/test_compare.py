@@ -76,5 +76,3 @@ def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
     lines = (tmp_path / "ticks.csv").read_text().splitlines()
     assert len(lines) == 201
     assert lines[0] == "tick,time [s],force/total[0] [N],force/total[1] [N],force/total[2] [N]"
-    wrong = run("export", str(results / "coupled.h5"), "ticks.csv", "--columns", "tme")
-    assert wrong.code == 2 and "unknown dataset 'tme': did you mean time" in wrong.err

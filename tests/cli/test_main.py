@@ -201,6 +201,7 @@ def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
     table = run("build-tree", "cube", "--level", "2", "--out", "cube.sph")
     assert f"{tree.leaf_count:,} leaves" in table.out
     assert load_sph(tmp_path / "cube.sph").leaf_count == tree.leaf_count
+    assert run("build-tree", "cube", "--level", "1", "--out", "cube.sph", "--quiet") == (0, "", "")
     assert run("build-tree", "cube", "--level", "1", "--quiet").out == ""
     assert len(list((tmp_path / "results").glob("*-cube-tree-1.h5"))) == 1
 
@@ -219,17 +220,6 @@ def test_trees_of_so_many_leaves_or_within_an_error(run: Run, tmp_path: Path) ->
     assert f"no part of the mesh is farther than {1e3 * tree.covers[-1].gap:.3f} mm outside of the leaves" in answer.out
     wrong = run("build-tree", "cube", "--max-error", "1um", "--level", "1")
     assert wrong.code == 2 and "no cover of up to 8 spheres is within 0.001 mm" in wrong.err
-
-
-@pytest.mark.parametrize("name", ["notes.h5", "notes.sph"])
-def test_a_tree_never_replaces_a_file_of_another_kind(run: Run, tmp_path: Path, name: str) -> None:
-    (tmp_path / name).write_text("not a tree")
-    answer = run("build-tree", "cube", "--level", "1", "--out", name)
-    assert (answer.code, answer.out) == (2, "") and f"{name} exists and is no sphere tree" in answer.err
-
-    assert (tmp_path / name).read_text() == "not a tree"
-    for _ in range(2):
-        assert run("build-tree", "cube", "--level", "1", "--out", f"new-{name}", "--quiet") == (0, "", "")
 
 
 def test_compilation_is_announced_where_and_when_it_happens(capsys: pytest.CaptureFixture[str]) -> None:

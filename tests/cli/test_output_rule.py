@@ -21,7 +21,7 @@ from hhsim.table.file import check_table_path
 from hhsim.view.sink import MAGIC
 
 # As the commands import it: of hhsim.cli, not of the folder.
-written: Any = importlib.import_module("hhsim.cli.arguments.written")
+written: Any = importlib.import_module("hhsim.cli.arguments.command")
 COMMANDS: list[Any] = [
     found
     for found in importlib.import_module("tools.cli_reference").commands()
@@ -57,7 +57,7 @@ WRITERS = {
 def outputs() -> Iterator[Any]:
     for found in COMMANDS:
         for parameter in found.command.params:
-            if isinstance(parameter.type, written.WrittenPath | written.WrittenWord):
+            if isinstance(parameter.type, written.WrittenPath):
                 yield pytest.param(found.command, parameter, id=f"{found.path} {parameter.opts[0]}")
 
 
@@ -67,7 +67,7 @@ def test_every_command_holds_it_and_every_option_says_whether_it_writes() -> Non
         assert isinstance(found.command, written.Command), found.path
         for parameter in found.command.params:
             text, name = getattr(parameter, "help", "") or "", f"{found.path} {parameter.opts[0]}"
-            writes = isinstance(parameter.type, written.WrittenPath | written.WrittenWord)
+            writes = isinstance(parameter.type, written.WrittenPath)
             if not getattr(parameter, "is_flag", False) and parameter.opts[0] not in READ_ALL_THE_SAME:
                 assert writes or not WRITES.search(text), name
             assert not writes or parameter.opts[0] not in READ_ALL_THE_SAME, name

@@ -14,7 +14,7 @@ from hhsim.hand.fingers import FINGERS
 
 reference: Callable[[], str] = importlib.import_module("tools.cli_reference").reference
 COMMANDS: dict[str, Any] = {found.path: found for found in importlib.import_module("tools.cli_reference").commands()}
-help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.arguments.option_group").help_sections
+help_sections: Callable[..., Any] = importlib.import_module("hhsim.cli.arguments.command").help_sections
 
 
 def test_the_page_has_a_section_for_every_command_and_links_that_lead_there() -> None:

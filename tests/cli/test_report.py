@@ -63,20 +63,6 @@ def test_several_results_are_told_to_machines(run: Run, tmp_path: Path, monkeypa
     assert (tmp_path / "again" / "report.html").is_file()
 
 
-def test_what_cannot_be_reported_is_one_line(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "mine.html").write_text("mine")
-    (tmp_path / "text.h5").write_text("text")
-    for arguments, message in (
-        (("none.h5",), "none.h5: no such file; expected a result (.h5)"),
-        (("text.h5",), "text.h5 is no HDF5 file"),
-        (("text.h5", "--out", "mine.html"), "mine.html exists and is no page of hhsim report"),
-    ):
-        answer = run("report", *arguments)
-        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
-        assert message in answer.err
-    assert (tmp_path / "mine.html").read_text() == "mine"
-
-
 def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())
     typed = "hhsim replay cube short.toml --method progressive --level 2 --tremor '0.1, 0.2' --out x.h5 --quiet"

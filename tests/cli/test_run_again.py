@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import pytest
 from conftest import Run
 from file_faults import forge_scene
@@ -117,15 +116,3 @@ def test_ticks_that_cannot_be_run_exit_1(run: Run, result: Path, monkeypatch: py
     assert (answer.code, answer.out.splitlines()[-1]) == (1, "not all ticks run: 150 of 200")
     quiet = run("replay", "run.h5", "--quiet")
     assert (quiet.code, quiet.out) == (1, "") and "hhsim: missed: " in quiet.err
-
-
-def test_a_file_that_is_no_result_is_told_what_it_is(run: Run, tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "motion.h5", "w") as file:
-        file.attrs["format"] = "hhsim-trajectory"
-    answer = run("replay", "motion.h5")
-    assert answer.code == 2
-    assert answer.err == (
-        "hhsim: error: motion.h5 is no result file: its format is 'hhsim-trajectory', not 'hhsim-result' (to replay a "
-        "trajectory, give an object first: hhsim replay OBJECT FILE)\n"
-    )
-    assert run("replay", "gone.h5").err == "hhsim: error: gone.h5: no such file; expected a result (.h5)\n"

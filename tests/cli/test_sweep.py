@@ -55,9 +55,3 @@ def test_a_sweep_from_dry_run_to_table(run: Run, planned: Path, tmp_path: Path) 
     assert quiet.out == "" and len(document["failed"][0]["options"]) in (1, 2)
     assert quiet.err.splitlines()[0] == "hhsim: missed: 2 cells failed"
     assert "hhsim: missed: cylinder, short, paper, deep: no way" in quiet.err.splitlines()[1:]
-
-
-def test_what_cannot_be_is_said_in_a_line(run: Run, planned: Path) -> None:
-    answer = run("sweep", "none.toml")
-    assert answer.code == 2 and answer.err.count("\n") == 1
-    assert "none.toml: no such file; expected a TOML plan of a sweep" in answer.err

@@ -61,4 +61,3 @@ def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) 
     other = run("replay", box.name, "short.toml", "--unit", "mm", "--tree", "cube.h5")
     assert other.code == 2
     assert "cube.h5: built for the mesh" in other.err
-    assert run("replay", "cube", "short.toml", "--tree", "cube.h5", "--level", "3").code == 2

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from body_tables import body, body_file, joint
 from conftest import Run
-from drawings_alone import leave_report_undrawn
 from joint_samples import joint_sample
 from pose_samples import umetrack_lines, umetrack_profile
 from short_grasp import short_grasp_text
@@ -17,58 +16,12 @@ from hhsim.recordings.joint_names import JOINT_ORDERS
 from hhsim.result.reader import load_result
 
 
-@pytest.fixture(scope="module")
-def kept() -> dict[str, bytes]:
-    """What the one replay of these tests wrote."""
-    return {}
-
-
-@pytest.fixture
-def both(run: Run, tmp_path: Path, kept: dict[str, bytes]) -> Path:
-    path = tmp_path / "both.h5"
+def test_a_command_of_one_hand_says_how_to_name_it(run: Run, tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(short_grasp_text())
-    if not kept:
-        answer = run("replay", "cube", "short.toml", "--hands", "both", "--out", path.name)
-        assert answer.code == 0, answer.err
-        assert "right hand" in answer.out and "left hand" in answer.out
-        assert "note: a tick of both hands, side by side: p50" in answer.out
-        kept[path.name] = path.read_bytes()
-    path.write_bytes(kept[path.name])
-    return path
-
-
-@pytest.mark.soak
-def test_it_is_verified_and_run_again_hand_by_hand(run: Run, both: Path) -> None:
-    answer = run("replay", "both.h5")
-    assert (answer.code, answer.out.count("identical in every tick")) == (0, 1)
-    assert "both.h5: 200 ticks run again" in answer.out
-    document = run("replay", "both.h5", "--json").document()
-    assert {f"{side}/graphic/joints" for side in SIDES} <= set(document["arrays"])
-    found = run("verify", "both.h5", "--json", "--quiet")
-    assert found.code == 0 and {claim["hand"] for claim in json.loads(found.out)["claims"]} == {"", *SIDES}
-
-
-@pytest.mark.soak
-def test_it_is_judged_shown_and_reported(run: Run, both: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    answer = run("gate", "both.h5", "--json")
-    rows = json.loads(answer.out)["rows"]
-    assert answer.code == 0 and {row["scene"] for row in rows} == {"right", "left"}
-    assert run("gate", "both.h5", "--baseline", "both.h5", "--quiet").code == 0
-    assert run("replay", "cube", "short.toml", "--out", "one.h5", "--quiet").code == 0
-    one = run("gate", "both.h5", "--baseline", "one.h5", "--quiet")
-    assert one.code == 2 and "not of as many hands" in one.err
-    leave_report_undrawn(monkeypatch)
-    assert run("report", "both.h5", "--out", "page.html").code == 0
-    page = (both.parent / "page.html").read_text()
-    assert "left of two hands" in page and "left hand" in page
-    assert "What differs" not in page and page.count("hhsim verify both.h5") == 1, "one run, a column a hand"
-    seen = run("view", "both.h5", "--rerun", "both.rrd", "--every", "4", "--json").document()
-    assert seen["results"] == ["both.h5"] and seen["ticks"] == 4 * seen["shown_ticks"] == 400
-    assert run("view", "both.h5", "--video", "both.gif", "--pixels", "160").code == 0
-    assert run("export", "both.h5", "left.csv", "--hand", "left").code == 0
-
-
-def test_a_command_of_one_hand_says_how_to_name_it(run: Run, both: Path) -> None:
+    answer = run("replay", "cube", "short.toml", "--hands", "both", "--out", "both.h5")
+    assert answer.code == 0, answer.err
+    assert "right hand" in answer.out and "left hand" in answer.out
+    assert "note: a tick of both hands, side by side: p50" in answer.out
     for arguments in (("export", "both.h5", "x.csv"), ("compare", "both.h5", "both.h5")):
         answer = run(*arguments)
         assert answer.code == 2 and "both.h5 holds two hands: --hand right or --hand left names one" in answer.err
@@ -76,6 +29,8 @@ def test_a_command_of_one_hand_says_how_to_name_it(run: Run, both: Path) -> None
     assert run("replay", "cube", "short.toml", "--out", "one.h5", "--quiet").code == 0
     answer = run("export", "one.h5", "x.csv", "--hand", "left")
     assert answer.code == 2 and "one.h5 has no left hand: it holds the right one" in answer.err
+    one = run("gate", "both.h5", "--baseline", "one.h5", "--quiet")
+    assert one.code == 2 and "not of as many hands" in one.err
 
 
 def hot3d_lines() -> str:

@@ -28,25 +28,8 @@ def test_a_replay_is_shown_and_can_be_looked_at_again(run: Run, tmp_path: Path, 
     assert expected.items() <= document.items()
 
 
-def test_what_cannot_be_shown_is_told_before_the_replay(run: Run, tmp_path: Path, short: str) -> None:
-    answer = run("replay", "cube", short, "--out", "short.h5", "--rerun", "nowhere/short.rrd")
-    assert answer.code == 2
-    assert "there is no folder" in answer.err
-    assert not (tmp_path / "short.h5").exists()
-    told = run("view", "missing.h5", "--rerun", "x.rrd").err
-    assert told.startswith("hhsim: error: missing.h5: no such file") and told.count("\n") == 1
-
-
 def test_a_film_is_made_without_a_viewer(run: Run, tmp_path: Path, short: str) -> None:
     assert run("replay", "cube", short, "--level", "2", "--out", "short.h5", "--quiet").code == 0
     answer = run("view", "short.h5", "--video", "short.gif", "--pixels", "160")
     assert (answer.code, answer.out) == (0, "6 frames of 200 ticks, 0.2 s, in short.gif\n"), answer.err
     assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
-    for arguments, message in (
-        (("short.h5", "--slow", "2"), "are of a film"),
-        (("short.h5", "--video", "x.avi"), ".gif, .webp or .mp4"),
-    ):
-        answer = run("view", *arguments)
-        assert (answer.code, answer.out, answer.err.count("\n")) == (2, "", 1), arguments
-        assert message in answer.err
-    assert not {"x.gif", "x.avi"} & {path.name for path in tmp_path.iterdir()}

@@ -51,11 +51,14 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     (folder / "follow.py").write_text(FOLLOW)
     monkeypatch.setattr(hhsim.solver.methods, "__path__", [*hhsim.solver.methods.__path__, str(folder)])
     importlib.invalidate_caches()
-    for package, name in (("hhsim.cli.arguments", "options"), ("hhsim.cli", "replay")):  # they list the methods once
+    for package, name in (
+        ("hhsim.cli.arguments", "scene_options"),
+        ("hhsim.cli", "replay"),
+    ):  # they list the methods once
         monkeypatch.delitem(sys.modules, f"{package}.{name}", raising=False)
         monkeypatch.delattr(importlib.import_module(package), name, raising=False)
     yield
-    for module in ("hhsim.cli.arguments.options", "hhsim.cli.replay", "hhsim.solver.methods.follow"):
+    for module in ("hhsim.cli.arguments.scene_options", "hhsim.cli.replay", "hhsim.solver.methods.follow"):
         sys.modules.pop(module, None)
 
 

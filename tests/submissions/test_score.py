@@ -31,8 +31,8 @@ from hhsim.submissions.scene_folder import (
     worded_scene,
     write_scene_folder,
 )
-from hhsim.submissions.score import Score, scene_of, score
-from hhsim.submissions.suspicions import BODY_DEPTH, UNEXPLAINED
+from hhsim.submissions.score import MESH_DEPTH, OFF_BEST_MAX, Score, scene_of, score
+from hhsim.submissions.suspicions import BODY_DEPTH
 from hhsim.verify.verify import verify
 
 CLASS = "project_out:ProjectOut"
@@ -123,11 +123,11 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
     best = load_result(tmp_path / "best.h5")
     near = score(poses_of(best, scene, forces=False), scene, tmp_path / "near.h5", surface="mesh").hands["right"].errors
     user = score(example_submission(scene), scene, tmp_path / "user.h5").hands["right"].errors
-    assert near.mesh_depth_max == 0.0 and near.off_best_max < 1e-4
+    assert near[MESH_DEPTH] == 0.0 and near[OFF_BEST_MAX] < 1e-4
     deepest = load_result(tmp_path / "user.h5").summary["penetration_max"]
     # The spheres cover the mesh.
-    assert 0.0 < user.mesh_depth_max <= deepest
-    assert user.off_best_max > user.mesh_depth_max > 0.005
+    assert 0.0 < user[MESH_DEPTH] <= deepest
+    assert user[OFF_BEST_MAX] > user[MESH_DEPTH] > 0.005
 
 
 def test_a_scene_comes_back_by_its_words_bit_for_bit(tmp_path: Path) -> None:
@@ -292,7 +292,7 @@ def test_a_scene_is_read_and_made_again_as_it_was(kind: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("kind", sampled(["free", "free, both"], lambda _, kind: kind == "free"))
 @pytest.mark.soak
-def test_the_motion_of_a_free_body_is_held_to_its_mass_and_forces(kind: str, tmp_path: Path) -> None:
+def test_the_place_of_a_free_body_is_measured_and_doubted(kind: str, tmp_path: Path) -> None:
     scene = made(kind)
     own = replayed(scene, tmp_path / "own.h5")
     found = score(own, scene, tmp_path / "score.h5")
@@ -301,11 +301,6 @@ def test_the_motion_of_a_free_body_is_held_to_its_mass_and_forces(kind: str, tmp
         first, second = (one.hands[side]["penetration_depth"] for one in (result, again))
         np.testing.assert_allclose(second, first, rtol=0.0, atol=1e-9)
     assert not found.suspicions and found.bodies[BODY_DEPTH] < 1e-6
-    weight = 0.1 * 9.81
-    assert found.bodies[UNEXPLAINED] < 0.02 * weight
-
-    weak = score(replace_forces(own, 0.5), scene, tmp_path / "weak.h5")
-    assert weak.bodies[UNEXPLAINED] > 0.2 * weight
     ((name, poses),) = own.bodies.items()
     sunk = ObjectMotion(
         poses.position - np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 5e-2], len(own.time)), poses.orientation
@@ -317,9 +312,3 @@ def test_the_motion_of_a_free_body_is_held_to_its_mass_and_forces(kind: str, tmp
         "object begins 1e+03 mm" in text
         for text in score(replace(own, bodies={name: far}), scene, tmp_path / "far.h5").suspicions
     )
-
-
-def replace_forces(own: Submission, by: float) -> Submission:
-    left = None if own.left is None else replace_forces(own.left, by)
-    assert own.phalanx_force is not None and own.palm_force is not None
-    return replace(own, phalanx_force=by * own.phalanx_force, palm_force=by * own.palm_force, left=left)

@@ -14,8 +14,8 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import FieldHands
 from hhsim.mesh.topology import manifold_of
+from hhsim.metrics.field.hands import FieldHands
 from hhsim.metrics.mesh_penetration import sampled
 
 if TYPE_CHECKING:

@@ -33,10 +33,6 @@ def test_a_robot_is_built_written_drawn_and_judged(
     assert [each["link"] for each in document["links"]][:2] == ["base", "turret"]
     assert all(each["proved"] and each["surface_gap_max"] == 0.0 for each in document["links"])
     assert document["self_collision_ignore"]["base"] == ["turret"]
-    beside = run("build-tree", "arm.urdf", "--from", "arm.yml", "--compare", "--as", "json", "--json")
-    theirs, ours = json.loads(beside.out)["compared"]
-    assert theirs.pop("set") == "arm.yml" and ours.pop("set") == "hhsim"
-    assert theirs == pytest.approx(ours) and ours["surface_coverage_least"] == 1.0
     one = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf", "--link", "base", "--json")
     assert one.code == 0, one.err
     assert json.loads(one.out)["fit"]["spheres"] == 4

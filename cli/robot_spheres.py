@@ -4,8 +4,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -13,14 +12,13 @@ from hhsim.errors import InputError, named
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from ..arguments.option_group import OptionGroup, option
-from ..arguments.options import Output
-from ..console import print_json, print_line, print_notes, print_table, progress
+from .arguments.command import OptionGroup, option
+from .arguments.options import Output
+from .console import print_notes, progress
 
 if TYPE_CHECKING:
     from hhsim.linkage.linkage import Robot
     from hhsim.mesh.mesh import Mesh
-    from hhsim.robots.formats import RobotSpheres
     from hhsim.robots.link_spheres import LinkSpheres
     from hhsim.robots.touching_pairs import Touching
     from hhsim.trees.foreign_tree import ImportedTree
@@ -28,6 +26,7 @@ if TYPE_CHECKING:
 
 USUAL_LEAVES = 16
 """Spheres of a link where nothing says how many."""
+Leaves = Annotated[int, click.IntRange(1, 262_144)]
 IGNORED = {
     "always": "adjacent or touching in every one of 10,000 poses",
     "default": "adjacent or touching in the start pose or in every one of 10,000 poses",
@@ -41,20 +40,14 @@ MOST_TOLD = 6
 class RobotOptions(OptionGroup, heading="Robot"):
     """One link of a robot, format of its spheres, and where they are shown."""
 
-    link: str | None = option(metavar="NAME", help="One link of a URDF or MJCF file, or of a --from file.")
-    kind: str | None = option(
-        "--as",
-        type=click.Choice(["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"]),
-        help="Format of the spheres. Default: that of --out's ending, or h5.",
+    link: str | None = option("One link of a URDF or MJCF file, or of a --from file.", "NAME")
+    kind: Literal["h5", "urdf", "curobo", "json", "mjcf", "srdf", "xrdf"] | None = option(
+        "Format of the spheres. Default: that of --out's ending, or h5.", None, "--as"
     )
-    visual: bool = option(is_flag=True, help="A link in which nothing collides gets spheres for what is seen of it.")
-    ignore: str | None = option(
-        type=click.Choice(list(IGNORED)),
-        help="Pairs of links for the planner to ignore: adjacent ones and those that touch in every pose (always), "
-        "those that touch in the start pose too (default), or adjacent ones alone. Default: always.",
-    )
-    compare: bool = option(
-        is_flag=True, help="Beside --from: build as many spheres of each link, and print both. The file's are written."
+    visual: bool = option("A link in which nothing collides gets spheres for what is seen of it.")
+    ignore: Literal["always", "default", "adjacent"] | None = option(
+        "Pairs of links for the planner to ignore: adjacent ones and those that touch in every pose (always), "
+        "those that touch in the start pose too (default), or adjacent ones alone. Default: always."
     )
 
     def means(self, object_: str, out: Path | None) -> bool:
@@ -62,12 +55,11 @@ class RobotOptions(OptionGroup, heading="Robot"):
         from hhsim.linkage.file import names_a_linkage, read_robot
         from hhsim.robots.formats import format_of
 
-        named = self.compare or self.visual or (self.kind, self.ignore) != (None, None)
+        named = self.visual or (self.kind, self.ignore) != (None, None)
         if not names_a_linkage(object_):
             if named:
                 raise click.UsageError(
-                    "--as, --visual, --ignore and --compare are for a robot, a URDF or MJCF file, and "
-                    f"{object_} is none"
+                    f"--as, --visual and --ignore are for a robot, a URDF or MJCF file, and {object_} is none"
                 )
             return False
         named = named or (out is not None and format_of(out) not in ("", "h5"))
@@ -93,8 +85,7 @@ def robot_spheres(
     from hhsim.system.output_path import check_output_path, check_picture, holds
     from hhsim.trees.options import TreeOptions
 
-    out_kind = "" if output.out is None else format_of(output.out)
-    name = robot_options.kind or out_kind or "h5"
+    name = robot_options.kind or ("" if output.out is None else format_of(output.out)) or "h5"
     format_ = FORMATS[name]
     out = output.path(f"{path.stem}-spheres", format_.suffixes[0])
     if format_of(out) != name:
@@ -102,9 +93,7 @@ def robot_spheres(
     check_output_path(out, "file of spheres", holds(format_.mark))
     if plot is not None:
         check_picture(plot)
-    if robot_options.compare and source is None:
-        raise click.UsageError("--compare is for --from FILE")
-    start, compared = time.process_time(), []
+    start = time.process_time()
     with progress(quiet=output.quiet) as report:
         report("read", 0, 1)
         robot = read_robot(path, robot_options.visual)
@@ -113,16 +102,12 @@ def robot_spheres(
         notes += [f"{mesh.name}: {note}" for mesh in meshes.values() for note in (*mesh.repairs, *mesh.warnings)]
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
-            if robot_options.compare:
-                many = {link: TreeOptions(leaves=each.fit.spheres, seed=seed) for link, each in built.items()}
-                ours = build_links(robot, meshes, many, threads, report)
-                compared = [_in_all(source.name, built), _in_all("hhsim", ours)]
         else:
             each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
             built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
-        spheres = {name: each.spheres for name, each in built.items()}
         ignore = robot_options.ignore or "always"
-        ignored, touching = touching_pairs(robot, spheres, seed, ignore)
+        of_links = {name: each.spheres for name, each in built.items()}
+        ignored, touching = touching_pairs(robot, of_links, seed, ignore)
         notes += _told(touching)
     found = RobotSpheres(robot, path, tuple(built.values()), ignored)
     write_atomically(out, format_.write(found))
@@ -132,19 +117,37 @@ def robot_spheres(
         draw_robot(plot, found)
     seconds = time.process_time() - start
     print_notes(notes)
-    if output.as_json:
-        print_json(
-            _document(found, seconds)
-            | {"as": name, "path": str(out), "plot": plot and str(plot), "notes": notes, "compared": compared}
-            | {"touching": [pair._asdict() for pair in touching]}
-        )
-    elif not output.quiet:
-        _print(found, seconds, ignore)
-        if compared:
-            print_table(Table(COMPARED, compared, f"{counted(len(built), 'link')}, as many spheres of each"))
-        print_line(f"{counted(sum(each.fit.spheres for each in found.links), 'sphere')}, written to {out}")
-        if plot is not None:
-            print_line(f"the picture is in {plot}")
+    columns = (words("link", "name"), *fit_columns("fit"), number("CPU", "cpu_seconds", "s", 2))
+    bare = ", ".join(link.name for link in found.links if not link.proved)
+    proof = "proved: every triangle of every link lies in its spheres"
+    pairs, cached = sum(map(len, found.ignored.values())), sum(link.cached for link in found.links)
+    spheres = sum(link.fit.spheres for link in found.links)
+    of_link = ("proved", "cpu_seconds", "cached")
+    output.show(
+        {
+            "robot": robot.name,
+            "links": [
+                {"link": link.name, "triangles": len(link.mesh.faces), **asdict(link.fit)}
+                | {name: getattr(link, name) for name in of_link}
+                for link in found.links
+            ],
+            "spheres": spheres,
+            "collision_spheres": {name: each.tolist() for name, each in found.spheres.items()},
+            "self_collision_ignore": {one: list(others) for one, others in ignored.items()},
+            "cpu_seconds": seconds,
+            "as": name,
+            "path": str(out),
+            "plot": plot and str(plot),
+            "notes": notes,
+            "touching": [pair._asdict() for pair in touching],
+        },
+        Table(columns, found.links, f"{robot.name}: {counted(len(found.links), 'link')}"),
+        f"not proved to be covered: {bare}" if bare else proof,
+        f"{counted(pairs, 'pair')} of links {IGNORED[ignore]}",
+        f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}",
+        f"{counted(spheres, 'sphere')}, written to {out}",
+        *([f"the picture is in {plot}"] if plot else []),
+    )
 
 
 def _judged(
@@ -188,32 +191,6 @@ def _first(texts: list[str]) -> str:
     return ", ".join(texts[:MOST_TOLD]) + (f" and {counted(more, 'more pair')}" if more > 0 else "")
 
 
-def _in_all(name: str, links: "Mapping[str, LinkSpheres]") -> dict[str, Any]:
-    """Return the figures of all links together; shares [-], lengths [m]."""
-    fits = [link.fit for link in links.values()]
-    covered, out = [fit.surface_coverage for fit in fits], [fit.protrusion_max for fit in fits]
-    return {
-        "set": name,
-        "spheres": sum(fit.spheres for fit in fits),
-        "surface_coverage_mean": sum(covered) / len(covered),
-        "surface_coverage_least": min(covered),
-        "surface_gap_max": max(fit.surface_gap_max for fit in fits),
-        "protrusion_median": median(out),
-        "protrusion_max": max(out),
-    }
-
-
-COMPARED = (
-    words("spheres of", "set"),
-    number("spheres"),
-    number("surface covered, mean", lambda row: 100.0 * row["surface_coverage_mean"], "%", 1),
-    number("worst link", lambda row: 100.0 * row["surface_coverage_least"], "%", 1),
-    number("largest gap", "surface_gap_max", "mm", 1),
-    number("out max, median link", "protrusion_median", "mm", 1),
-    number("worst link", "protrusion_max", "mm", 1),
-)
-
-
 def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "ImportedTree":
     """Read the spheres of one link from a file, and measure them on a mesh; InputError names the links of several."""
     from hhsim.robots.formats import read_spheres
@@ -249,40 +226,3 @@ def fit_columns(of: str = "") -> tuple[Any, ...]:
         number("volume ratio", value("volume_ratio"), "", 2, missing=""),
         number("proved bound", value("bound"), "mm", 2),
     )
-
-
-def _print(found: "RobotSpheres", seconds: float, kind: str) -> None:
-    columns = (words("link", "name"), *fit_columns("fit"), number("CPU", "cpu_seconds", "s", 2))
-    print_table(Table(columns, found.links, f"{found.robot.name}: {counted(len(found.links), 'link')}"))
-    bare = [link.name for link in found.links if not link.proved]
-    if bare:
-        print_line(f"not proved to be covered: {', '.join(bare)}")
-    else:
-        print_line("proved: every triangle of every link lies in its spheres")
-    pairs = sum(map(len, found.ignored.values()))
-    print_line(f"{counted(pairs, 'pair')} of links {IGNORED[kind]}")
-    cached = sum(link.cached for link in found.links)
-    print_line(
-        f"{seconds:.1f} s of CPU{f', {cached} of {len(found.links)} links read from the cache' if cached else ''}"
-    )
-
-
-def _document(found: "RobotSpheres", seconds: float) -> dict[str, Any]:
-    return {
-        "robot": found.robot.name,
-        "links": [
-            {
-                "link": link.name,
-                "triangles": len(link.mesh.faces),
-                **asdict(link.fit),
-                "proved": link.proved,
-                "cpu_seconds": link.cpu_seconds,
-                "cached": link.cached,
-            }
-            for link in found.links
-        ],
-        "spheres": sum(link.fit.spheres for link in found.links),
-        "collision_spheres": {name: each.tolist() for name, each in found.spheres.items()},
-        "self_collision_ignore": {one: list(others) for one, others in found.ignored.items()},
-        "cpu_seconds": seconds,
-    }

@@ -1,0 +1,264 @@
+"""Arguments and options of a scene: OBJECT with its mesh and its tree, a free object, the motion, and the solver."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import click
+from click.shell_completion import CompletionItem
+
+from hhsim.errors import UnknownNameError, check_known
+from hhsim.ranges import RANGES
+from hhsim.solver.method import METHODS
+from hhsim.solver.surface import SURFACES
+
+from .command import Number, OptionGroup, argument, option
+from .options import OneLevel, Unit, metres, ranged, refuse
+
+if TYPE_CHECKING:
+    from hhsim.mesh.mesh import Mesh
+    from hhsim.scene.described_scene import FreeWords
+    from hhsim.scene.motion_catalogue import Motion
+
+OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
+LEAST_ERROR = 1e-6
+"""Least --max-error [m]."""
+METRES = {"": 1e-3, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "m": 1.0}
+UNDER, NONE = "under", "none"
+
+
+Completion = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def completed_by(*places: str) -> Completion:
+    """Return the completion by names that functions of hhsim return, and by files where what is typed looks like one.
+
+    A place is a function as "module:name": it is imported when a shell asks.
+    """
+
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        names = [name for place in places for name in resolve_name(place)() if name.startswith(incomplete)]
+        return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]
+
+    return complete
+
+
+complete_object = completed_by("hhsim.mesh.catalogue:object_names", "hhsim.mesh.catalogue:body_file_names")
+complete_trajectory = completed_by("hhsim.scene.motion_catalogue:trajectory_names")
+complete_method = completed_by("hhsim.solver.method_names:method_names")
+OBJECT = argument("[OBJECT]", default="bunny", shell_complete=complete_object)
+TRAJECTORY = argument("[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
+
+
+class MeshSize(OptionGroup, heading="Mesh file"):
+    """Size of a mesh file's object: its unit, None for metres, or its longest extent [mm]."""
+
+    unit: Unit | None = option("Length unit of a mesh file. Default: the one that it states, or m.")
+    size: Annotated[float, ranged("size", 1e-3)] | None = option(
+        "Scale a mesh file to this longest extent [mm], whatever its unit.", "MM"
+    )
+
+
+class MeshFile(MeshSize):
+    """Reading of a mesh file: as it is, or as a solid."""
+
+    solid: bool = option(
+        "Close a mesh file to a solid, meshed anew if need be. Default: what is none is touched as a skin."
+    )
+
+    def words(self, tree: "TreeChoice") -> dict[str, Any]:
+        """Return what the options say of the mesh and its tree, for `SceneWords`."""
+        of_mesh = {"unit": self.unit, "size_mm": self.size, "solid": self.solid}
+        return of_mesh | {"level": tree.stated(), "max_error": tree.max_error}
+
+    def read(self, object_: str, link: str) -> tuple["Mesh", int]:
+        """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.file.resolve_object`."""
+        from hhsim.linkage.file import resolve_object
+
+        return resolve_object(object_, self.unit, metres(self.size), self.solid or None, link)
+
+    def unit_length(self, object_: str) -> float:
+        """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
+        from hhsim.linkage.file import names_a_linkage
+        from hhsim.mesh.catalogue import names_a_file
+        from hhsim.mesh.mesh import unit_length_of
+
+        if not names_a_file(object_) or names_a_linkage(object_):
+            return 1.0
+        return unit_length_of(object_, self.unit, metres(self.size))
+
+
+def read_length(value: str) -> float:
+    """Read a length such as 0.3mm or 300um, or a number in mm; return metres."""
+    found = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?) ?(|mm|um|µm|m)", value)
+    try:
+        length = float(found[1]) * METRES[found[2]] if found else 0.0
+    except ValueError:
+        length = 0.0
+    if not LEAST_ERROR <= length < 1.0:
+        raise refuse(value, "a length such as 0.3mm, from 1um to 1m")
+    return length
+
+
+class TreeChoice(OptionGroup, heading="Sphere tree"):
+    """Level of the tree, or largest distance [m] of its spheres outside the mesh."""
+
+    level: OneLevel | None = option("Level of the tree's leaves. Default: the catalogue's, or 4.", "N")
+    max_error: Annotated[float, read_length] | None = option(
+        "Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um or 0.3 (mm).", "LENGTH"
+    )
+
+    def stated(self) -> int | None:
+        """Return the level that was named; UsageError for options that contradict each other."""
+        if self.max_error is not None and self.level is not None:
+            raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
+        return self.level
+
+
+class TreeOrFile(TreeChoice):
+    """A tree that is built, or that of a file."""
+
+    path: Path | None = option(
+        "Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.", "FILE", "--tree"
+    )
+
+    def stated(self) -> int | None:
+        """See `TreeChoice.stated`; a file has its own level."""
+        if self.path is not None and (self.level is not None or self.max_error is not None):
+            raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
+        return super().stated()
+
+
+def read_table(value: str) -> str:
+    """Read none, under, or a height [mm]."""
+    if value not in (UNDER, NONE):
+        try:
+            ranged("table", 1e-3).convert(value, None, None)
+        except click.BadParameter:
+            least, greatest = (1e3 * bound for bound in RANGES["table"][:2])
+            wanted = f"under, none, or a height in mm such as -25, from {least:g} to {greatest:g}"
+            raise refuse(value, wanted) from None
+    return value
+
+
+class FreeChoice(OptionGroup, heading="Free object"):
+    """An object that the hand can move: mass or density, friction, and the table [mm] that it rests on."""
+
+    free: bool = option("The object is free: it has mass and friction, falls, and rests on a table.")
+    mass: Annotated[float, ranged("mass")] | None = option("Its mass [kg]. Default: by its density.", "KG")
+    density: Annotated[float, ranged("density")] | None = option(
+        "Its density [kg/m³]. Default: as hhsim objects has it, or of water.", "KG/M3"
+    )
+    friction: Annotated[float, ranged("friction")] | None = option(
+        "Coefficient of friction of hand and object. Default: as hhsim objects has it, or 0.6.", "MU"
+    )
+    torsion: Annotated[float, ranged("torsion", 1e-3)] | None = option(
+        "Moment about its normal that a contact bears, per newton of its force [mm]. Default: 0.", "MM"
+    )
+    table: Annotated[str, read_table] | None = option(
+        "A table right under the object, none, or one at the height Z [mm], world. Default: under.", "under|none|Z"
+    )
+    table_friction: Annotated[float, ranged("table_friction")] | None = option(
+        "Coefficient of friction of table and object. Default: as of the hand.", "MU"
+    )
+
+    def words(self) -> "FreeWords | None":
+        """Return what was said, SI; None without --free. Raises UsageError for options that contradict each other."""
+        from hhsim.scene.described_scene import FreeWords
+
+        given = self.given()
+        if not given.pop("free"):
+            if given:
+                raise click.UsageError(f"--{next(iter(given)).replace('_', '-')} is for a free object: add --free")
+            return None
+        if "mass" in given and "density" in given:
+            raise click.UsageError("--mass and --density exclude each other: one follows from the other")
+        for name in {"torsion", "table"} & set(given):
+            given[name] = given[name] if given[name] in (UNDER, NONE) else 1e-3 * float(given[name])
+        return FreeWords(**given)
+
+    def check_motion(self, motion: "Motion | None") -> None:
+        """Raise UsageError, before the work, for a free object that the motion moves; None is a glove's motion."""
+        from hhsim.scene.script import Script
+
+        if not self.free or motion is None:
+            return
+        if isinstance(motion, Script) and motion.has("carry"):
+            raise click.UsageError(f"'{motion.name}' says how its object moves, so it cannot be free: lift is for that")
+        if getattr(motion, "object_motion", None) is not None:
+            way_out = "hhsim replay --object-pose fixed keeps it where it is at first"
+            raise click.UsageError(f"'{motion.name}' holds how its object moves, so it cannot be free: {way_out}")
+
+
+class Sampling(OptionGroup, heading="Motion"):
+    """Sampling of a motion; `rate` in [Hz]."""
+
+    rate: Annotated[float, Number(1.0, 100_000.0)] = option("Ticks a second [Hz].", "HZ", default=1000.0)
+    samples: Literal["interpolate", "hold"] = option(
+        "Between two samples of a recording: a smooth curve, or the last sample, as a glove gives it.",
+        default="interpolate",
+    )
+
+
+def read_method(value: str) -> str:
+    """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
+    if value not in METHODS and ":" not in value:
+        from hhsim.solver.method_names import method_names
+
+        if value not in method_names():
+            raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
+    return value
+
+
+def read_fingers(value: str) -> tuple[str, ...]:
+    """Read names of fingers with commas between; they come back in the hand's order."""
+    from hhsim.hand.fingers import FINGERS
+
+    names = [name.strip() for name in value.split(",")]
+    check_known("finger", names, FINGERS)
+    return tuple(name for name in FINGERS if name in names)
+
+
+Surface = Annotated[str, click.Choice(SURFACES.names())]
+TRUST = option("Import and run the code of a method that RESULT names as package.module:Class.")
+
+
+class SolverChoice(OptionGroup, heading="Solver"):
+    """Method, surface and limits of the solver."""
+
+    method: Annotated[str, read_method] = option(
+        f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).",
+        f"[{'|'.join(METHODS.names())}|NAME]",
+        default="coupled",
+        shell_complete=complete_method,
+    )
+    surface: Surface = option(
+        "What the hand touches: the tree's leaf spheres, or the mesh (coupled and progressive).", default="spheres"
+    )
+    fingers: Annotated[tuple[str, ...], read_fingers] | None = option(
+        "Fingers that the scene uses, such as thumb,index; the others go through the object. Default: all five.",
+        "NAMES",
+    )
+    budget: Annotated[int, ranged("budget")] | None = option(
+        "Work that ends a tick's linearisations, 1 to 3 ns a unit. Default: 150 units a microsecond of the period.",
+        "UNITS",
+    )
+
+    @property
+    def word(self) -> str:
+        """Method, and a surface other than the paper's, for names of files."""
+        method = self.method.rpartition(":")[2]
+        return method if self.surface == "spheres" else f"{method}-{self.surface}"
+
+
+class Linearising(OptionGroup, heading="Solver"):
+    """Linearisations of a tick; `margin` in [mm]."""
+
+    margin: Annotated[float, ranged("margin", 1e-3)] | None = option(
+        "Pairs nearer than this enter the program [mm]. Default: 1; 0.5 with --method paper.", "MM"
+    )
+    linearisations: Annotated[int, ranged("linearisations")] | None = option(
+        "Most linearisations in a tick. Default: 12; 1 with --method paper.", "N"
+    )

@@ -1,1 +1,0 @@
-"""Spheres for robots, on the command line."""
