@@ -22,8 +22,7 @@ from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_columns import KeptColumns
-from hhsim.replay.tick_rows import HandRows
+from hhsim.replay.tick_rows import HandRows, KeptColumns
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import (
     BETWEEN_COLUMNS,

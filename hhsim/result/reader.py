@@ -2,12 +2,12 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any, SupportsIndex, TypeAlias
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import h5py
 import numpy as np
@@ -19,24 +19,17 @@ from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_
 from hhsim.result import schema
 from hhsim.result.body import Body
 from hhsim.result.contacts import Contacts, known_pairs
-from hhsim.result.labelled import as_dataset, as_frame, imported
-from hhsim.result.plot import plot_curves
-from hhsim.result.variables import coordinates, variables
+from hhsim.result.labelled import as_dataset, coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
-    import pandas
     import xarray
-    from matplotlib.axes import Axes
 
 TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
 """Kind of transformation (`Column.turns`) by dataset."""
-
-View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
-"""Transform rows of a hand's dataset: its name, world values, poses of the frame at these ticks and the first."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -106,7 +99,7 @@ class Result:
     repeated: Mapping[str, Any] = field(default_factory=dict)  # `runs`, and mean and std of `times` by name
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
-    view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
+    from_object: bool = False  # True if hands and forces are in that frame as it was at the first tick, not the world
     replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
@@ -174,11 +167,7 @@ class Result:
     @cached_property
     def seen_from_object(self) -> "Result":
         """Result in the frame that its hands were solved in, at the first tick; itself where that stands still."""
-        return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
-
-    def seen_by(self, view: View) -> "Result":
-        """Result as transformed by `view`; itself where the frame stands still."""
-        return replace(self, view=view, _loaded={}) if self.frame and self.view is None else self
+        return replace(self, from_object=True, _loaded={}) if self.frame and not self.from_object else self
 
     def poses(self, group: str, rows: slice = slice(None)) -> ObjectMotion:
         """Read the poses in a group at some ticks, world."""
@@ -203,29 +192,25 @@ class Result:
     def meshes_moved(self, rows: slice | int = slice(None)) -> tuple[RigidMotion, ...]:
         """Motion of each body, from where its mesh is stored to its place at the ticks.
 
-        It is in the view's frame, and empty for a single body that stands still there.
+        It is in the hands' frame, and empty for a single body that stands still there.
         """
         ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
-        if len(self.bodies) == 1 and (self.view is not None or not self.frame):
+        if len(self.bodies) == 1 and (self.from_object or not self.frame):
             return ()
         moved = tuple(body.moved(ticks) for body in self.bodies.values())
-        if not self.frame or self.view is None:
+        if not self.from_object:
             return moved
         now = self.moved_since_first(ticks)
         return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in moved)
 
-    def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
-        """Read rows of a dataset with a row a tick, in the view's frame."""
+    def _rows(self, file: h5py.File, name: str, rows: slice) -> AnyArray:
+        """Read rows of a dataset with a row a tick, as seen from the object if that is asked for."""
         if name in self.replaced:
             return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
-        if self.view is None or name not in TURNS:
+        if not self.from_object or name not in TURNS:
             return values
-        part = rows if isinstance(rows, slice) else slice(rows, rows + 1)
-        now = self._poses(file, self.frame, part)
-        if isinstance(rows, slice):
-            return self.view(name, values, now, self._first)
-        return np.asarray(self.view(name, np.asarray(values)[None], now, self._first)[0])
+        return as_object_sees(name, values, self._poses(file, self.frame, rows).since(*self._first))
 
     def _path_of(self, name: str) -> str:
         """Path in the file of a dataset by its name."""
@@ -296,7 +281,8 @@ class Result:
         if not isinstance(tick, SupportsIndex) or not 0 <= int(tick) < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
-            return {name: np.asarray(self._rows(file, name, tick)) for name in names}
+            rows = slice(int(tick), int(tick) + 1)
+            return {name: np.asarray(self._rows(file, name, rows)[0]) for name in names}
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
@@ -326,12 +312,10 @@ class Result:
             return found
 
     def skin(self, rows: slice) -> FloatArray:
-        """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the view's frame."""
+        """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the hands' frame."""
         with _opened(self.path) as file:
             found = np.asarray(_finite_numbers(self._skin(file)["vertices"], rows), np.float64)
-        if self.view is None:
-            return found
-        return self.moved_since_first(rows).seen_points(found)
+        return self.moved_since_first(rows).seen_points(found) if self.from_object else found
 
     def _skin(self, file: h5py.File) -> Any:
         return file[schema.HANDS][self.name].get(schema.SKIN)
@@ -348,32 +332,6 @@ class Result:
         }
         stated |= {"method": self.method, "surface": self.surface, "hhsim_version": self.hhsim_version}
         return as_dataset({name: found[name] for name in found if name != "time"}, coordinates(self), stated)
-
-    def to_pandas(self, names: Sequence[str] = ()) -> "pandas.DataFrame":
-        """Return datasets and groups by name as a pandas DataFrame, a column an element: `force/total[x]`.
-
-        The index is the time [s], and `phase` a column; without names it has all that has a row a tick. Names of
-        `contact` or `live/sample` give a row for each of these. `attrs["units"]` has the unit of each column.
-        Raises UnknownNameError for no such name, InputError for datasets of different rows, or without pandas.
-        """
-        found = {name: variable for name, variable in variables(self, names).items() if name != "time"}
-        if not names:
-            found = {name: variable for name, variable in found.items() if variable.axes[0] == "time"}
-        if len({variable.axes[0] for variable in found.values()}) != 1:
-            raise InputError(f"{', '.join(names)} are no datasets with the same rows: expected those of one table")
-        given = coordinates(self)
-        of_ticks = next(iter(found.values())).axes[0] == "time"
-        frame = as_frame(found, {**given, "hand": list(self.hands)}, given["time"] if of_ticks else None)
-        if of_ticks:
-            frame.insert(0, "phase", imported("pandas").Categorical(given["phase"].values))
-        return frame
-
-    def plot(self, name: str = "force", ax: "Axes | None" = None) -> "Axes":
-        """Draw every element of a dataset, or of a group of one unit, over time; return the axes of matplotlib.
-
-        Without `ax`, it is a figure of pyplot's, which a notebook shows. Errors as `hhsim.result.plot.plot_curves`.
-        """
-        return plot_curves(self, name, ax)
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""
@@ -399,11 +357,13 @@ def load_result(path: str | Path) -> Result:
         names = [side for side in SIDES if side in file[schema.HANDS]]
         if not names:
             raise DamagedFileError("damaged: it has no hand")
-        columns, ticks = _checked_tables(file, names, path)
+        columns = _checked_columns(file, names, path)
+        rows = _rows_by_table(file)
         attributes, summary = file.attrs, file[schema.SUMMARY]
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
         if attributes["complete"]:
-            _require_equal_rows(file, path)
+            _require_equal_rows(rows, path)
+        ticks = min(rows[schema.TICK].values())
         # Filled below: each hand and each body needs the result that it is a part of.
         hands: dict[str, Result] = {}
         bodies: dict[str, Body] = {}
@@ -486,37 +446,34 @@ def _moving_frame(file: h5py.File) -> str:
     return f"{group}/{schema.TICK}" if moves else ""
 
 
-def _checked_tables(file: h5py.File, names: Sequence[str], path: Path) -> tuple[dict[str, tuple[str, ...]], int]:
-    """Check all datasets; return the columns of each body's ticks, and the number of ticks that all have."""
-    shared: list[h5py.Dataset] = []
+def _checked_columns(file: h5py.File, names: Sequence[str], path: Path) -> dict[str, tuple[str, ...]]:
+    """Check all datasets; return the columns of each body's ticks."""
+
+    def check(group: str, columns: Iterable[schema.Column], rows: tuple[int, ...] = ()) -> None:
+        for column in columns:
+            _check_dataset(file.get(group, {}), column, (*rows, *column.shape), path)
+
+    a_row_a_tick = (-1,)
     for name in names:
-        group = file[schema.HANDS][name]
-        for column in schema.hand_columns():
-            _check_dataset(group.get(schema.TICK, {}), column, (-1, *column.shape), path)
-            shared.append(group[schema.TICK][column.name])
-        for column in schema.HAND_STATIC:
-            _check_dataset(group, column, column.shape, path)
-        _check_together(group, _TOGETHER, path)
-        if schema.LIVE_TICK in group:
-            shared += [group[schema.LIVE_TICK][column.name] for column in schema.LIVE_TICK_COLUMNS]
+        group = f"{schema.HANDS}/{name}"
+        check(f"{group}/{schema.TICK}", schema.hand_columns(), a_row_a_tick)
+        check(group, schema.HAND_STATIC)
+        _check_together(file[group], _TOGETHER, path)
+        check(
+            f"{group}/{schema.LIVE_TICK}", schema.LIVE_TICK_COLUMNS if schema.LIVE in file[group] else (), a_row_a_tick
+        )
+    check(schema.TICK, (schema.TIME, *_of_frame(file)), a_row_a_tick)
     columns: dict[str, tuple[str, ...]] = {}
-    for column in (schema.TIME, *_of_frame(file)):
-        _check_dataset(file.get(schema.TICK, {}), column, (-1, *column.shape), path)
-        shared.append(file[schema.TICK][column.name])
     known = {column.name: column for column in schema.BODY_COLUMNS}
     for name in _body_names(file):
-        group = file[schema.BODIES][name]
-        for column in schema.BODY_STATIC:
-            _check_dataset(group, column, column.shape, path)
-        _check_together(group, (tuple(f"tree/{of}" for of in schema.TREE_ARRAYS),), path)
-        needed = group.get(schema.TICK, {})
-        columns[name] = tuple(needed)
-        for column in [*(schema.POSE_COLUMNS if schema.TICK in group else ()), *(known[of] for of in needed)]:
-            _check_dataset(needed, column, (-1, *column.shape), path)
-            shared.append(needed[column.name])
-    for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
-        _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
-    return columns, min(map(len, shared))
+        group = f"{schema.BODIES}/{name}"
+        check(group, schema.BODY_STATIC)
+        _check_together(file[group], (tuple(f"tree/{of}" for of in schema.TREE_ARRAYS),), path)
+        columns[name] = tuple(file[group].get(schema.TICK, ()))
+        moves = schema.POSE_COLUMNS if schema.TICK in file[group] else ()
+        check(f"{group}/{schema.TICK}", (*moves, *(known[of] for of in columns[name])), a_row_a_tick)
+    check(schema.CONTACT, schema.CONTACT_COLUMNS if schema.CONTACT in file else (), (-1,))
+    return columns
 
 
 def _of_frame(file: h5py.File) -> list[schema.Column]:
@@ -662,23 +619,23 @@ def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple
         raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
 
 
-def _require_equal_rows(file: h5py.File, path: Path) -> None:
-    """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
-    tables: dict[str, list[str]] = {schema.TICK: []}
+def _rows_by_table(file: h5py.File) -> dict[str, dict[str, int]]:
+    """Return the number of rows of each dataset by the table that it is a column of; all of ticks are of one."""
+    tables: dict[str, dict[str, int]] = {schema.TICK: {}}
     for name in _dataset_names(file):
         group = name.rpartition("/")[0]
-        within = group.split("/")
-        if schema.TICK in within:
-            table = schema.TICK
-        elif schema.LIVE in within or group == schema.CONTACT:
-            table = group
-        else:
-            continue
-        tables.setdefault(table, []).append(name)
-    for names in tables.values():
-        rows = {name: len(file[name]) for name in names}
-        if len(set(rows.values())) > 1:
-            least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
+        if schema.TICK in group.split("/"):
+            tables[schema.TICK][name] = len(file[name])
+        elif schema.LIVE in group.split("/") or group == schema.CONTACT:
+            tables.setdefault(group, {})[name] = len(file[name])
+    return tables
+
+
+def _require_equal_rows(tables: Mapping[str, Mapping[str, int]], path: Path) -> None:
+    """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
+    for rows in tables.values():
+        least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
+        if rows[least] != rows[most]:
             raise InputError(f"{path} is damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
 
 

@@ -6,7 +6,7 @@ A result holds all that a run needs, so that it can be run again from nothing el
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,94 +41,15 @@ LIVE_EVENT = "live/event"
 """Tables of a session: one row a tick; one a sample of the glove; one a line of the log."""
 
 
-class TickField(NamedTuple):
-    """Field of a tick's record, as the solver and the loop of a session hand it over."""
-
-    name: str
-    type: str = "<i8"
-    shape: tuple[int, ...] = ()  # of a tick's value
-    parts: tuple[str, ...] = ()  # names of the entries that become columns of their own
-
-
-LOOP_FIELDS = (
-    *map(TickField, ("tick", "time_ns", "early_ns", "wakeup_ns", "latency_ns", "missed", "at_once", "input_seq")),
-    *map(TickField, ("safety", "cause")),
-    TickField("taken", shape=(5,), parts=("computed", "kept", "run_delay", "steal", "device")),
-)
-"""Fields that a session's loop sets before a tick is solved, explained in `LIVE_TICK_COLUMNS`."""
-HAPTIC_FIELDS = (
-    TickField("haptic_position", "<f8", (3,)),
-    TickField("haptic_orientation", "<f8", (4,)),
-    TickField("haptic_flexion", "<f8", (5, 3)),
-    TickField("haptic_abduction", "<f8", (5,)),
-)
-"""Input of the solver."""
-SOLVER_FIELDS = (
-    TickField("status"),
-    TickField("position", "<f8", (3,)),
-    TickField("orientation", "<f8", (4,)),
-    TickField("flexion", "<f8", (5, 3)),
-    TickField("abduction", "<f8", (5,)),
-    TickField("joints", "<f8", (5, 4, 3)),
-    TickField("phalanx", "<f8", (5, 3, 3)),
-    TickField("fingertip_normal", "<f8", (5, 3)),
-    TickField("palm_wrench", "<f8", (6,)),
-    TickField("total", "<f8", (3,)),
-    TickField("duration", shape=(4,), parts=("detect", "palm", "fingers", "force")),
-    TickField("duration_total"),
-    TickField("duration_cpu"),
-    TickField(
-        "work",
-        shape=(10,),
-        parts=(
-            *("node_tests", "pair_tests", "gathers", "linearisations", "qp_iterations"),
-            *("candidates", "touching", "rows", "bodies", "units"),
-        ),
+PARTS = {
+    "taken": ("computed", "kept", "run_delay", "steal", "device"),
+    "duration": ("detect", "palm", "fingers", "force"),
+    "work": (
+        *("node_tests", "pair_tests", "gathers", "linearisations", "qp_iterations"),
+        *("candidates", "touching", "rows", "bodies", "units"),
     ),
-    TickField("lag", "<f8"),
-)
-"""Output of the solver, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
-COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_stiffness", "<f8", (5,)))
-"""Commands to the glove."""
-OBJECT_FIELDS = (
-    TickField("turn", "<f8", (4,)),
-    *(TickField(name, "<f8", (3,)) for name in ("shift", "velocity", "angular_velocity")),
-    *(TickField(name, "<f8", (6,)) for name in ("hand_wrench", "table_wrench")),
-    *(TickField(name, "<f8") for name in ("table_distance", "friction_residual")),
-    TickField("contact", shape=(2,)),
-    TickField("body", shape=(64,)),
-    TickField("point", "<f8", (64, 3)),
-    TickField("normal", "<f8", (64, 3)),
-    TickField("normal_force", "<f8", (64,)),
-    TickField("friction_force", "<f8", (64, 3)),
-    TickField("torsional_moment", "<f8", (64,)),
-    TickField("slip", "<f8", (64,)),
-)
-"""Output for a free object, the fields of `hhsim.kernels.world.record.ObjectRecord` in their order."""
-PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
-"""Output for the contacts of several bodies: the body of each, and its point on the other body [m], world."""
-WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
-"""Force [N] of the other bodies on one, and moment [N·m] about its centre, world."""
-
-
-def record_dtype(*fields: TickField) -> np.dtype[Any]:
-    """Return the dtype of records of these fields."""
-    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
-
-
-def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`."""
-    first = [field.name for field in OBJECT_FIELDS].index("contact")
-    moving = [field._replace(shape=(bodies, 1, *field.shape)) for field in (*OBJECT_FIELDS[:first], WRENCH_OF_BODIES)]
-    rows = [*OBJECT_FIELDS[first + 1 :], *PAIR_FIELDS]
-    if bodies == 0:
-        rows = [field._replace(shape=(0, *field.shape[1:])) for field in rows]
-    return record_dtype(*moving, OBJECT_FIELDS[first], *rows)
-
-
-TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
-"""Record of a session's tick, in the order of the ring's fields."""
-_PARTS = {field.name: field.parts for field in TICK_FIELDS}
+}
+"""Names of the entries of a record's field that become columns of their own."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +76,7 @@ class Column:
         """Rows of the column from the fields of records by name; first axis the record."""
         field, _, part = self.source.partition(".")
         values = record[field]
-        return values[:, _PARTS[field].index(part)] if part else values
+        return values[:, PARTS[field].index(part)] if part else values
 
 
 _KNOWN_BY = {
@@ -430,6 +351,61 @@ def sample_columns(channels: int) -> tuple[Column, ...]:
         Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls", "flexion"),
         Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side", "abduction"),
     )
+
+
+TICK_FIELDS = (
+    *("tick", "time_ns", "early_ns", "wakeup_ns", "latency_ns", "missed", "at_once", "input_seq", "safety", "cause"),
+    *("taken", "status", "haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction"),
+    *("position", "orientation", "flexion", "abduction", "joints", "phalanx", "fingertip_normal", "palm_wrench"),
+    *("total", "duration", "duration_total", "duration_cpu", "work", "lag", "command_bend", "command_stiffness"),
+)
+"""Record of a session's tick: what the loop sets, the solver's input and output, and the glove's command.
+
+From `status` on those are the fields of `hhsim.kernels.tick.block.TickRecord`, the hand of the input after the first.
+"""
+MOST_CONTACTS = 64
+"""Room for the contacts of a tick of bodies that move."""
+CONTACT_FIELDS = ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
+
+
+def record_dtype(*names: str) -> np.dtype[Any]:
+    """Return the dtype of records with the fields that columns are taken from; integers have 64 bits."""
+    return np.dtype([_field(name) for name in names], align=True)
+
+
+def bodies_row(bodies: int) -> np.dtype[Any]:
+    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`.
+
+    Those of motion have shape (bodies, 1, ...), those of contacts (`MOST_CONTACTS`, ...). `contact` has the first
+    contact and the end of the last one; `body` is what touches the first body, `contact_body` the body of each contact,
+    `other_point` its point on the other body [m], world; a body has turned and shifted by `turn` and `shift` [m].
+    """
+    measured = [_field(column.source) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)]
+    moving = [("turn", "<f8", (4,)), ("shift", "<f8", (3,)), *measured, ("body_wrench", "<f8", (6,))]
+    rows = [
+        ("body", "<i8", ()),
+        *map(_field, CONTACT_FIELDS),
+        ("contact_body", "<i8", ()),
+        ("other_point", "<f8", (3,)),
+    ]
+    room = MOST_CONTACTS if bodies else 0
+    return np.dtype(
+        [
+            *((name, kind, (bodies, 1, *shape)) for name, kind, shape in moving),
+            ("contact", "<i8", (2,)),
+            *((name, kind, (room, *shape)) for name, kind, shape in rows),
+        ],
+        align=True,
+    )
+
+
+def _field(name: str) -> tuple[str, str, tuple[int, ...]]:
+    """Return name, type and shape of a record's field."""
+    if name in PARTS:
+        return name, "<i8", (len(PARTS[name]),)
+    columns = (*TICK_COLUMNS, *LIVE_TICK_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *CONTACT_COLUMNS)
+    column = next(column for column in columns if column.source == name)
+    return name, "<f8" if column.dtype == "<f8" else "<i8", column.shape
 
 
 def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:

@@ -59,8 +59,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.body import LEAST_LENGTH, check_names
-from hhsim.scene.joint import JointSettings, Number, Three, require_no_circle
+from hhsim.scene.body import LEAST_LENGTH, Joint, Number, Three, check_names, require_no_circle
 from hhsim.system.settings_file import Settings, between, read_settings
 
 Drive: TypeAlias = Callable[[FloatArray], ObjectMotion]
@@ -129,7 +128,7 @@ class BodySettings(Settings, frozen=True, kw_only=True):
     inertia: tuple[Three, Three, Three] | None = None
     friction: Annotated[float, between(*RANGES["friction"][:2])] | None = None
     torsion: Annotated[float, between(*RANGES["torsion"][:2])] = 0.0
-    joint: JointSettings | None = None
+    joint: Joint | None = None
     poses: PoseFile | None = None
 
     def check(self) -> None:

@@ -19,9 +19,8 @@ from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.linkage.file import link_mesh, read_linkage
 from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
 from hhsim.mesh.mesh import Mesh
-from hhsim.scene.body import triple
+from hhsim.scene.body import Joint, Keyframe, triple
 from hhsim.scene.body_file import BodyFile, BodySettings
-from hhsim.scene.joint import JointSettings, Keyframe
 
 UNDER, NONE = "under", "none"
 Motions = Mapping[str, Sequence[Keyframe]]
@@ -118,8 +117,8 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
     return BodySettings(name=link.name, mesh=link.name, **about)
 
 
-def _settings(joint: LinkJoint) -> JointSettings:
-    return JointSettings(
+def _settings(joint: LinkJoint) -> Joint:
+    return Joint(
         type="slider" if joint.type == "slider" else "hinge",
         axis=triple(joint.axis),
         origin=triple(joint.origin),

@@ -1,13 +1,13 @@
 """Catalogue of motions, and the motion that a name or a path on the command line means.
 
-A trajectory is a catalogue name (`grasp`), a script or demonstration (`.toml`), a trajectory (`.h5`, `.csv`), a result
-or live session (`.h5`), or any other recording, which is imported as `hhsim import` does.
+A trajectory is a catalogue name (`grasp`), a script (`.toml`), a trajectory (`.h5`, `.csv`), a result or live session
+(`.h5`), or any other recording, which is imported as `hhsim import` does.
 """
 
 import functools
 from collections.abc import Mapping
-from importlib.resources import files
-from importlib.resources.abc import Traversable
+from dataclasses import replace
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -17,15 +17,14 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_kn
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
-from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.input_file import media_kind_of
-from hhsim.system.settings_file import parse_toml, read_toml_text
+from hhsim.system.settings_file import Settings, parse_settings, parse_toml, read_toml_text
 
 if TYPE_CHECKING:
     from hhsim.recordings.recording import Recording
 
-Motion: TypeAlias = Script | Demonstration | Trajectory
+Motion: TypeAlias = Script | Trajectory
 """Motion of a hand, as a word on the command line names it."""
 Reading: TypeAlias = Mapping[str, Any]
 """Fields of `hhsim.recordings.registry.ReadOptions` for a recording that is imported, paths as texts."""
@@ -85,7 +84,7 @@ def is_imported(path: Path) -> bool:
 
 
 def trajectory_names() -> list[str]:
-    """Return the names of all shipped scripts, in the order of `ORDER`, then of the demonstrations."""
+    """Return the names of all shipped scripts, in the order of `ORDER`, then of the recordings."""
     return [*script_names(), *sorted(_names()[1])]
 
 
@@ -99,35 +98,56 @@ def script_names() -> list[str]:
 def _names() -> tuple[frozenset[str], frozenset[str]]:
     entries = [entry for entry in files("hhsim.trajectories").iterdir() if entry.name.endswith(SCRIPT_SUFFIX)]
     tables = {entry.name: parse_toml(entry.read_text(encoding="utf-8"), entry.name) for entry in entries}
-    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if is_demonstration(table))
+    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if "recording" in table)
     return frozenset(name.removesuffix(SCRIPT_SUFFIX) for name in tables) - recorded, recorded
 
 
 def load_script(name: str) -> Script:
     """Return the shipped script of a name; UnknownNameError lists the near names."""
     check_known("trajectory", [name], script_names())
-    script = _shipped(name)
-    assert isinstance(script, Script)
-    return script
+    return parse_script(_text(name), name=name, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
+
+
+class _Recorded(Settings, frozen=True):
+    """Recording of the catalogue: its file, the object that it is made for and where that stood [m], world."""
+
+    recording: str
+    object: str
+    position: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]  # (w, x, y, z)
+    fingers: tuple[str, ...]
+    title: str
+    stresses: str
+    notice: str
+    package: dict[str, Any]
+
+    def motion(self, name: str) -> Trajectory:
+        """Return the motion beside its object."""
+        from hhsim.motion.file import load_trajectory
+
+        with as_file(files("hhsim.trajectories") / self.recording) as path:
+            return replace(load_trajectory(path), name=name).placed(self.position, self.orientation)
 
 
 def describe(name: str) -> TrajectoryDescription:
-    """Return the catalogue entry of a shipped script or demonstration; UnknownNameError lists the near names."""
+    """Return the catalogue entry of a shipped script or recording; UnknownNameError lists the near names."""
     check_known("trajectory", [name], trajectory_names())
-    found = _shipped(name)
-    if isinstance(found, Script):
+    if name in script_names():
+        found = load_script(name)
         show, objects, figures = found.show, found.objects, tuple(use.figure for use in found.paper)
         duration, rate, fingers = found.duration, found.rate, found.fingers if found.contact else ()
         phases = tuple(phase.name for phase in found.phases)
+        title, stresses = found.title, found.stresses
     else:
-        show, objects, figures, motion = "", (), (), found.motion
-        duration, rate, fingers = motion.duration, motion.mean_rate, (found.touch.finger,)
+        entry = _recorded(name)
+        motion = entry.motion(name)
+        show, objects, figures, title, stresses = "", (entry.object,), (), entry.title, entry.stresses
+        duration, rate, fingers = motion.duration, motion.mean_rate, entry.fingers
         phases = tuple(phase.name for phase in motion.phases)
     # `show` is an object and options.
     object_, _, options = (show or (*objects, USUAL_OBJECT)[0]).partition(" ")
     line = f"hhsim replay {object_} {name} {options}".rstrip()
-    about = found.title, found.stresses, duration, rate, fingers, phases, objects, figures
-    return TrajectoryDescription(name, *about, line)
+    return TrajectoryDescription(name, title, stresses, duration, rate, fingers, phases, objects, figures, line)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:
@@ -137,18 +157,18 @@ def of_the_paper(description: Mapping[str, Any]) -> bool:
 
 
 def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None) -> Motion:
-    """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
+    """Return the script or recording that a word on the command line means; a catalogue name wins.
 
     Raises UnknownNameError for neither a catalogue name nor a path with a known suffix; TrajectoryError for no such
     file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
     if word in trajectory_names():
-        return _shipped(word)
+        return load_script(word) if word in script_names() else _recorded(word).motion(word)
     path = Path(word)
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
-        return _parsed(read_toml_text(path, "script", TrajectoryError), path.stem, path.parent, str(path))
+        return parse_script(read_toml_text(path, "script", TrajectoryError), name=path.stem, where=str(path))
     if suffix in RECORDING_SUFFIXES or suffix in imported_suffixes():
         return load_recorded(path, reading)
     if path.exists() or "/" in word:
@@ -215,12 +235,9 @@ def clean_imported(path: Path, recording: "Recording") -> Trajectory:
         raise TrajectoryError(f"{path}: {error}") from None
 
 
-def _shipped(name: str) -> Script | Demonstration:
-    folder, file = files("hhsim.trajectories"), f"{name}{SCRIPT_SUFFIX}"
-    return _parsed((folder / file).read_text(encoding="utf-8"), name, folder, f"trajectories/{file}")
+def _text(name: str) -> str:
+    return (files("hhsim.trajectories") / f"{name}{SCRIPT_SUFFIX}").read_text(encoding="utf-8")
 
 
-def _parsed(text: str, name: str, folder: Path | Traversable, where: str) -> Script | Demonstration:
-    if is_demonstration(parse_toml(text, where, TrajectoryError)):
-        return parse_demonstration(text, name=name, folder=folder, where=where)
-    return parse_script(text, name=name, where=where)
+def _recorded(name: str) -> _Recorded:
+    return parse_settings(_text(name), _Recorded, f"trajectories/{name}{SCRIPT_SUFFIX}", TrajectoryError)

@@ -15,7 +15,6 @@ from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajecto
 from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace, check_names
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned, synthesize
@@ -165,13 +164,10 @@ def on_object(
 ) -> Trajectory:
     """Return the trajectory of a motion on an object, whose tree [m] is in its own frame.
 
-    A recording has the object's pose; a script closes on the object where it is, beside the `other` hand; a
-    demonstration places the object where the recorded hand touches it. `seed` is of a script's tremor and sensor noise.
-    Raises TrajectoryError for a script or a demonstration that cannot be done on this object.
+    A recording has the object's pose; a script closes on the object where it is, beside the `other` hand. `seed` is of
+    a script's tremor and sensor noise. Raises TrajectoryError for a script that cannot be done on this object.
     """
-    if isinstance(motion, Script):
-        return synthesize(motion, hand, tree, seed, other=other)
-    return motion.placed(hand, tree) if isinstance(motion, Demonstration) else motion
+    return synthesize(motion, hand, tree, seed, other=other) if isinstance(motion, Script) else motion
 
 
 def scene_of(

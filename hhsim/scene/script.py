@@ -70,8 +70,8 @@ from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import matmul, norm
+from hhsim.scene.body import Keyframe
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
-from hhsim.scene.joint import Keyframe
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}

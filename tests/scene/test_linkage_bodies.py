@@ -12,6 +12,7 @@ from hhsim.errors import InputError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.linkage.file import read_linkage
 from hhsim.motion.trajectory import Trajectory
+from hhsim.scene import declared_bodies
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.trees.triangle_tree import tree_of_any
@@ -49,7 +50,7 @@ def test_bodies_are_where_the_linkage_has_them_at_each_value(
     ends = {each.name: (rng.uniform(-1.0, 0.0), rng.uniform(0.0, 2.0)) for each in linkage.joints.values()}
     moved = _moved(**{name: [(0.0, first), (1.0, last)] for name, (first, last) in ends.items()})
     # Random links may well begin inside each other.
-    monkeypatch.setattr(DeclaredBodies, "require_apart", lambda bodies: None)
+    monkeypatch.setattr(declared_bodies, "_require_apart", lambda bodies: None)
     poses = load_object(path, moved, solid=False).path(np.array([0.0, 1.0]))
     for row in range(2):
         for name, wanted in places(linkage, {name: values[row] for name, values in ends.items()}).items():

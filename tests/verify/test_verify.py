@@ -24,7 +24,7 @@ from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.state import STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.resample import STAMP_TOLERANCE
-from hhsim.replay.recorded_verdict import verdict as report_verdict
+from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.system.progress import silent
 from hhsim.verify import file_checks
