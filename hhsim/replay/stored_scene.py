@@ -1,7 +1,7 @@
 """Object, tree, hand and options to and from a result file, bit for bit."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,9 @@ from hhsim.result.schema import (
     OF_BODIES,
     POSE_COLUMNS,
     TREE_ARRAYS,
+    Column,
 )
 from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
-from hhsim.result.writer import BodyPart
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
@@ -62,32 +62,36 @@ def body_name(name: str) -> str:
     return name.replace("/", "-").strip(".") or "object"
 
 
-def body_parts(scene: Scene, seen: SeenScene) -> dict[str, BodyPart]:
+def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
     """Return the bodies of a scene's file by their names, mesh and tree in the world where `place` has its frame.
 
     Where one of several is free each has its properties; else a joint that its values drive has them.
     """
     if (parts := seen.parts) is None:
         kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
-        columns = [*(POSE_COLUMNS if kind != "fixed" else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if seen.free else ())]
+        columns = (*(POSE_COLUMNS if kind != "fixed" else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if seen.free else ()))
         properties = seen.free.to_json() if seen.free else {}
         arrays = _arrays(seen.mesh, seen.tree, seen.place)
-        return {body_name(seen.mesh.name): BodyPart(kind, arrays, columns, properties)}
-    solids, found = {body.name: body for body in scene.solids}, dict[str, BodyPart]()
+        return {body_name(seen.mesh.name): StoredBody(kind, arrays, _names(columns), properties)}
+    solids, found = {body.name: body for body in scene.solids}, dict[str, StoredBody]()
     free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
     for p, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
-        columns, joint, properties = list(POSE_COLUMNS), solids[name].joint, dict[str, Any]()
+        columns, joint, properties = POSE_COLUMNS, solids[name].joint, {}
         # Where none is free all are stored as driven: one that stands may stand in a frame that a recording carries.
         kind = type(solids[name].motion).__name__.lower() if free else "driven"
         if free:
             properties = free[p].to_json()
-            columns += [*MOTION_COLUMNS, OF_BODIES, *(FREE_COLUMNS if p == 0 else ())]
+            columns += (*MOTION_COLUMNS, OF_BODIES, *(FREE_COLUMNS if p == 0 else ()))
             columns += DRIVEN_COLUMNS if kind == "driven" else ()
         elif joint is not None and name in parts.values:
             properties = {"joint": {each: getattr(joint, each) for each in JOINT_PROPERTIES}}
-            columns.append(JOINT_COLUMN)
-        found[name] = BodyPart(kind, _arrays(mesh, tree, STILL), columns, properties)
+            columns += (JOINT_COLUMN,)
+        found[name] = StoredBody(kind, _arrays(mesh, tree, STILL), _names(columns), properties)
     return found
+
+
+def _names(columns: Iterable[Column]) -> tuple[str, ...]:
+    return tuple(column.name for column in columns)
 
 
 def _arrays(mesh: Mesh, tree: SphereTree, place: ObjectMotion) -> dict[str, AnyArray]:
@@ -105,7 +109,7 @@ def describe_scene(
     tree: SphereTree,
     hand: HandModel,
     options: SolverOptions,
-    bodies: Mapping[str, BodyPart],
+    bodies: Mapping[str, StoredBody],
     free: FreeObject | None = None,
 ) -> dict[str, Any]:
     """Return the description of a scene for the result's file as plain values."""

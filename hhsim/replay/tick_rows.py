@@ -20,7 +20,7 @@ from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result.contacts import pair_codes
-from hhsim.result.reader import in_the_world
+from hhsim.result.reader import transformed
 from hhsim.result.schema import (
     BODIES,
     CONTACT,
@@ -190,8 +190,9 @@ def body_rows(
 
 def shown_columns(block: Columns, haptic: HandConfiguration, moved: RigidMotion | None) -> Columns:
     """Return a block of a hand's columns in the world; the haptic hand is the given one to the bit."""
-    world = block if moved is None else in_the_world(block, moved)
-    return {**world, **{f"haptic/{name}": values for name, values in haptic._asdict().items()}}
+    if moved is not None:
+        block = {name: transformed(name, values, moved, seen=False) for name, values in block.items()}
+    return {**block, **{f"haptic/{name}": values for name, values in haptic._asdict().items()}}
 
 
 def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArray) -> Columns:

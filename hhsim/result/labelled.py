@@ -58,7 +58,7 @@ def as_dataset(
         attributes: Of the data set.
     """
     try:
-        xarray = import_module("xarray")
+        library = import_module("xarray")
     except ImportError:
         raise InputError("xarray is not installed: pip install 'hhsim[xarray]'") from None
     used = {axis for variable in variables.values() for axis in variable.axes}
@@ -75,7 +75,7 @@ def as_dataset(
         if set(value.axes if isinstance(value, Variable) else () if isinstance(value, str) else (name,)) <= used
     }
     made = {name: taken(variable) for name, variable in variables.items()}
-    found: xarray.Dataset = xarray.Dataset(made, kept, dict(attributes))
+    found: xarray.Dataset = library.Dataset(made, kept, dict(attributes))
     return found
 
 

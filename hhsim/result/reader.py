@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -38,8 +38,8 @@ _HINTS = {
 }
 """Hints on files of other formats."""
 
-_TOGETHER = (tuple(f"palm_tree/{name}" for name in schema.TREE_ARRAYS), ("palm_center", "palm_radius"))
-"""Arrays of a hand with one row a sphere."""
+_TREE, _PALM_TREE = (tuple(f"{tree}/{name}" for name in schema.TREE_ARRAYS) for tree in ("tree", "palm_tree"))
+"""Arrays with one row a sphere, of a body and of a hand."""
 
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file, and the best size of a block."""
@@ -48,25 +48,17 @@ _STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
 """Kinds of values accepted in a file, by the kind of the column."""
 
 
-def as_object_sees(name: str, values: AnyArray, moved: RigidMotion) -> AnyArray:
-    """Transform rows (T, ...) of a /tick dataset to the object's frame, which is the world's at the first tick."""
-    transforms = {"point": moved.seen_points, "vector": moved.seen_vectors, "orientation": moved.seen_orientations}
-    return _transformed(name, values, transforms)
+def transformed(name: str, values: AnyArray, moved: RigidMotion, *, seen: bool) -> AnyArray:
+    """Transform rows (T, ...) of a /tick dataset from the object's frame, the world's at the first tick, to the world.
 
-
-def in_the_world(columns: Mapping[str, AnyArray], moved: RigidMotion) -> dict[str, AnyArray]:
-    """Transform datasets by name from the object's frame to the world."""
-    transforms = {"point": moved.points, "vector": moved.vectors, "orientation": moved.orientations}
-    return {name: _transformed(name, values, transforms) for name, values in columns.items()}
-
-
-def _transformed(name: str, values: AnyArray, transforms: Mapping[str, Any]) -> AnyArray:
-    kind = TURNS.get(name, "")
-    if not kind:
+    If they are to be `seen`, from the world to that frame.
+    """
+    kind = TURNS.get(name)
+    if kind is None:
         return values
-    shape = values.shape
-    whole = values if kind == "orientation" else values.reshape(*shape[:-1], -1, 3)
-    return np.ascontiguousarray(transforms[kind](whole).reshape(shape))
+    whole = values if kind == "orientation" else values.reshape(*values.shape[:-1], -1, 3)
+    transform = getattr(moved, f"seen_{kind}s" if seen else f"{kind}s")
+    return np.ascontiguousarray(transform(whole).reshape(values.shape))
 
 
 @dataclass(frozen=True, repr=False)
@@ -210,7 +202,7 @@ class Result:
         values = read_numbers(file[self._path_of(name)], rows)
         if not self.from_object or name not in TURNS:
             return values
-        return as_object_sees(name, values, self._poses(file, self.frame, rows).since(*self._first))
+        return transformed(name, values, self._poses(file, self.frame, rows).since(*self._first), seen=True)
 
     def _path_of(self, name: str) -> str:
         """Path in the file of a dataset by its name."""
@@ -305,7 +297,7 @@ class Result:
             if skin is None:
                 return None
             for column in schema.SKIN_COLUMNS:
-                _check_dataset(skin, column, column.shape, self.path)
+                _check_dataset(skin, column, column.shape)
             vertices, found = skin["vertices"], np.asarray(skin["faces"], np.int64)
             if len(vertices) < self.ticks or not len(found) or not 0 <= found.min() <= found.max() < vertices.shape[1]:
                 raise InputError(f"{self.path} is damaged: its skin does not fit its ticks or its triangles")
@@ -355,15 +347,15 @@ def load_result(path: str | Path) -> Result:
     with _opened(path) as file:
         _check_format(file, path)
         names = [side for side in SIDES if side in file[schema.HANDS]]
-        if not names:
-            raise DamagedFileError("damaged: it has no hand")
-        columns = _checked_columns(file, names, path)
-        rows = _rows_by_table(file)
+        named = [str(name) for name in json.loads(str(file[schema.BODIES].attrs["names"]))]
+        if not names or not named:
+            raise DamagedFileError(f"damaged: it has no {'body' if names else 'hand'}")
+        for table, columns in _tables(file, names, named).items():
+            for column in columns:
+                _check_dataset(file.get(table, {}), column, (-1, *column.shape))
         attributes, summary = file.attrs, file[schema.SUMMARY]
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
-        if attributes["complete"]:
-            _require_equal_rows(rows, path)
-        ticks = min(rows[schema.TICK].values())
+        ticks = _ticks(file)
         # Filled below: each hand and each body needs the result that it is a part of.
         hands: dict[str, Result] = {}
         bodies: dict[str, Body] = {}
@@ -377,20 +369,20 @@ def load_result(path: str | Path) -> Result:
             scene=_Stated(common, path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
+            phases=tuple(phase for phase in _phases(file) if phase.first_tick < ticks),
             summary=_attributes(summary),
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
             git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
-            frame=_moving_frame(file),
+            frame=_moving_frame(file, named),
             hands=hands,
             bodies=bodies,
         )
         for name in names:
             group = file[schema.HANDS][name]
-            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.HAND_STATIC}
+            static = _static(group, schema.HAND_STATIC, _PALM_TREE, ("palm_center", "palm_radius"))
             hands[name] = replace(
                 whole,
                 name=name,
@@ -401,13 +393,14 @@ def load_result(path: str | Path) -> Result:
                 _loaded={},
             )
         found = hands[names[0]] if len(names) == 1 else whole
-        for body in _body_names(file):
+        for body in named:
             group = file[schema.BODIES][body]
-            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
-            stated = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
-            if stated[0] not in _kinds(columns[body]):
-                raise InputError(f"{path} is damaged: body '{body}' does not move as its kind, {stated[0]}, says")
-            bodies[body] = Body(found, body, *stated, static, columns[body])
+            kind, properties = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
+            own = tuple(group.get(schema.TICK, ()))
+            kinds = ("fixed", "free") if "velocity" in own else ("fixed", "driven")
+            if kind not in (("driven",) if "recorded_position" in own else kinds):
+                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
+            bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
         return found
 
 
@@ -421,72 +414,60 @@ def load_hand(path: str | Path, side: str = "") -> Result:
     return found.hands[side or found.name]
 
 
-def _body_names(file: h5py.File) -> list[str]:
-    names = [str(name) for name in json.loads(str(file[schema.BODIES].attrs["names"]))]
-    if not names:
-        raise DamagedFileError("damaged: it has no body")
-    return names
+def _tables(file: h5py.File, hands: Sequence[str], bodies: Sequence[str]) -> dict[str, Sequence[schema.Column]]:
+    """Return the groups whose datasets have rows, each with the columns that it has to have."""
+    known = {column.name: column for column in schema.BODY_COLUMNS}
+    tables: dict[str, Sequence[schema.Column]] = {}
+    for name in hands:
+        tables[f"{schema.HANDS}/{name}/{schema.TICK}"] = schema.hand_columns()
+        if schema.LIVE in file[schema.HANDS][name]:
+            tables[f"{schema.HANDS}/{name}/{schema.LIVE_TICK}"] = schema.LIVE_TICK_COLUMNS
+    tables[schema.TICK] = (schema.TIME,)
+    for group in (schema.FRAME, *(f"{schema.BODIES}/{name}/{schema.TICK}" for name in bodies)):
+        if group in file:
+            tables[group] = (*schema.POSE_COLUMNS, *(known[name] for name in file[group]))
+    if schema.CONTACT in file:
+        tables[schema.CONTACT] = schema.CONTACT_COLUMNS
+    return tables
 
 
-def _kinds(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the kinds of bodies whose ticks may have these columns."""
-    if "recorded_position" in columns:
-        return ("driven",)
-    return ("fixed", "free") if "velocity" in columns else ("fixed", "driven")
+def _ticks(file: h5py.File) -> int:
+    """Return the number of ticks that every dataset has.
+
+    Raises DamagedFileError for columns of a table of a complete file that are not of one length.
+    """
+    tables: dict[str, dict[str, int]] = {schema.TICK: {}}
+    for name in _dataset_names(file):
+        group = name.rpartition("/")[0]
+        if schema.TICK in group.split("/"):
+            tables[schema.TICK][name] = len(file[name])
+        elif schema.LIVE in group.split("/") or group == schema.CONTACT:
+            tables.setdefault(group, {})[name] = len(file[name])
+    for rows in tables.values() if file.attrs["complete"] else ():
+        least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
+        if rows[least] != rows[most]:
+            raise DamagedFileError(f"damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
+    return min(tables[schema.TICK].values())
 
 
-def _moving_frame(file: h5py.File) -> str:
+def _static(group: h5py.Group, columns: Sequence[schema.Column], *together: Sequence[str]) -> dict[str, AnyArray]:
+    """Read arrays that do not change with time; DamagedFileError for those `together` of different lengths."""
+    for column in columns:
+        _check_dataset(group, column, column.shape)
+    for names in together:
+        if len({len(group[name]) for name in names}) > 1:
+            raise DamagedFileError(f"damaged: {' and '.join(names)} are not of the same length")
+    return {column.name: _frozen(_finite_numbers(group[column.name])) for column in columns}
+
+
+def _moving_frame(file: h5py.File, bodies: Sequence[str]) -> str:
     """Group of the poses of the frame that hands were solved in; "" where it stands still."""
     if schema.FRAME in file:
         return schema.FRAME
-    first, *others = _body_names(file)
-    group = f"{schema.BODIES}/{first}"
+    group = file[schema.BODIES][bodies[0]]
     # Several bodies without a free one are in the frame that carries all of them, or in the world.
-    moves = schema.TICK in file[group] and (not others or file[group].attrs["kind"] == "free")
-    return f"{group}/{schema.TICK}" if moves else ""
-
-
-def _checked_columns(file: h5py.File, names: Sequence[str], path: Path) -> dict[str, tuple[str, ...]]:
-    """Check all datasets; return the columns of each body's ticks."""
-
-    def check(group: str, columns: Iterable[schema.Column], rows: tuple[int, ...] = ()) -> None:
-        for column in columns:
-            _check_dataset(file.get(group, {}), column, (*rows, *column.shape), path)
-
-    a_row_a_tick = (-1,)
-    for name in names:
-        group = f"{schema.HANDS}/{name}"
-        check(f"{group}/{schema.TICK}", schema.hand_columns(), a_row_a_tick)
-        check(group, schema.HAND_STATIC)
-        _check_together(file[group], _TOGETHER, path)
-        check(
-            f"{group}/{schema.LIVE_TICK}", schema.LIVE_TICK_COLUMNS if schema.LIVE in file[group] else (), a_row_a_tick
-        )
-    check(schema.TICK, (schema.TIME, *_of_frame(file)), a_row_a_tick)
-    columns: dict[str, tuple[str, ...]] = {}
-    known = {column.name: column for column in schema.BODY_COLUMNS}
-    for name in _body_names(file):
-        group = f"{schema.BODIES}/{name}"
-        check(group, schema.BODY_STATIC)
-        _check_together(file[group], (tuple(f"tree/{of}" for of in schema.TREE_ARRAYS),), path)
-        columns[name] = tuple(file[group].get(schema.TICK, ()))
-        moves = schema.POSE_COLUMNS if schema.TICK in file[group] else ()
-        check(f"{group}/{schema.TICK}", (*moves, *(known[of] for of in columns[name])), a_row_a_tick)
-    check(schema.CONTACT, schema.CONTACT_COLUMNS if schema.CONTACT in file else (), (-1,))
-    return columns
-
-
-def _of_frame(file: h5py.File) -> list[schema.Column]:
-    if schema.FRAME not in file:
-        return []
-    return [replace(column, name=f"frame/{column.name}") for column in schema.POSE_COLUMNS]
-
-
-def _check_together(group: h5py.Group, tables: Sequence[Sequence[str]], path: Path) -> None:
-    """Raise InputError for arrays of one table that are not of one length."""
-    for names in tables:
-        if len({len(group[name]) for name in names}) > 1:
-            raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
+    moves = schema.TICK in group and (len(bodies) == 1 or group.attrs["kind"] == "free")
+    return f"{schema.BODIES}/{bodies[0]}/{schema.TICK}" if moves else ""
 
 
 class _Stated(dict[str, Any]):
@@ -568,7 +549,7 @@ def check_result_path(path: Path) -> None:
         raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
 
 
-def read_phases(file: h5py.File) -> Iterator[TickPhase]:
+def _phases(file: h5py.File) -> Iterator[TickPhase]:
     """Yield the phases in a file of ticks."""
     group = file["phase"]
     for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
@@ -609,34 +590,14 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise InputError(f"{path} {schema.wrong_schema(version)}")
 
 
-def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...], path: Path) -> None:
+def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...]) -> None:
     dataset = group.get(column.name)
     if dataset is None:
-        raise InputError(f"{path} is damaged or no result file: it lacks the dataset {column.name}")
+        raise DamagedFileError(f"damaged or no result file: it lacks the dataset {column.name}")
     if not fits(dataset.shape, shape):
-        raise InputError(f"{path}: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
+        raise DamagedFileError(f"damaged: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
     if dataset.dtype.kind not in _STORED[np.dtype(column.dtype).kind]:
-        raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
-
-
-def _rows_by_table(file: h5py.File) -> dict[str, dict[str, int]]:
-    """Return the number of rows of each dataset by the table that it is a column of; all of ticks are of one."""
-    tables: dict[str, dict[str, int]] = {schema.TICK: {}}
-    for name in _dataset_names(file):
-        group = name.rpartition("/")[0]
-        if schema.TICK in group.split("/"):
-            tables[schema.TICK][name] = len(file[name])
-        elif schema.LIVE in group.split("/") or group == schema.CONTACT:
-            tables.setdefault(group, {})[name] = len(file[name])
-    return tables
-
-
-def _require_equal_rows(tables: Mapping[str, Mapping[str, int]], path: Path) -> None:
-    """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
-    for rows in tables.values():
-        least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
-        if rows[least] != rows[most]:
-            raise InputError(f"{path} is damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
+        raise DamagedFileError(f"damaged: {column.name} holds {dataset.dtype}, expected {column.dtype}")
 
 
 def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:

@@ -24,6 +24,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
+from hhsim.result.body import Body
 from hhsim.result.contacts import contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
@@ -50,16 +51,6 @@ class HandPart:
     attributes: Mapping[str, Scalar] = field(default_factory=dict)  # of `live`
 
 
-@dataclass(frozen=True)
-class BodyPart:
-    """A body of a file: how it moves, shape, and what its ticks have."""
-
-    kind: str  # one of `BODY_KINDS`
-    static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
-    columns: Sequence[schema.Column] = ()  # of `BODY_COLUMNS`; none for one that stands still
-    properties: Mapping[str, Any] = field(default_factory=dict)  # of one in a scene with a free body, JSON-able
-
-
 class ResultWriter:
     """Writes a result file block by block in a `with`; call `finish` last.
 
@@ -83,7 +74,7 @@ class ResultWriter:
         path: Path,
         *,
         hands: Mapping[str, HandPart],
-        bodies: Mapping[str, BodyPart],
+        bodies: Mapping[str, Body],
         columns: Sequence[schema.Column] = (),
         phases: Sequence[TickPhase] = (),
         command: Sequence[str] = (),
@@ -98,7 +89,8 @@ class ResultWriter:
             self._tables |= {f"{group}/{table}": _Table(of) for table, of in hand.tables.items()}
         for name, body in bodies.items():
             if body.columns:
-                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(body.columns)
+                columns = [column for column in schema.BODY_COLUMNS if column.name in body.columns]
+                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(columns)
         if next(iter(bodies.values())).kind == "free":
             self._tables[schema.CONTACT] = _Table(schema.CONTACT_COLUMNS)
         self._complete = False
@@ -193,7 +185,7 @@ class ResultWriter:
         return self.path
 
     def _write_header(
-        self, hands: Mapping[str, HandPart], bodies: Mapping[str, BodyPart], phases: Sequence[TickPhase]
+        self, hands: Mapping[str, HandPart], bodies: Mapping[str, Body], phases: Sequence[TickPhase]
     ) -> None:
         common, own = _split_scenes({name: hand.scene for name, hand in hands.items()})
         scene_json = json.dumps(common, sort_keys=True)

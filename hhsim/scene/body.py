@@ -162,7 +162,7 @@ class JointRecording(Settings, frozen=True):
 
 
 class Joint(Settings, frozen=True):
-    """Hinge or slider of a body on the world or on another body; `hhsim.scene.body_file` explains the keys.
+    """Hinge or slider of a body on the world or on another body; docs/toml.md explains the keys.
 
     Axis and origin are in the frame of what bears it; of a body in a scene in the world at the first tick. Raises
     InputError for an axis of length 0, limits or times out of order, or a value beyond the limits.

@@ -6,7 +6,6 @@ A trajectory is a catalogue name (`grasp`), a script (`.toml`), a trajectory (`.
 
 import functools
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -19,7 +18,7 @@ from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.input_file import media_kind_of
-from hhsim.system.settings_file import Settings, parse_settings, parse_toml, read_toml_text
+from hhsim.system.settings_file import read_toml_text
 
 if TYPE_CHECKING:
     from hhsim.recordings.recording import Recording
@@ -85,75 +84,65 @@ def is_imported(path: Path) -> bool:
 
 def trajectory_names() -> list[str]:
     """Return the names of all shipped scripts, in the order of `ORDER`, then of the recordings."""
-    return [*script_names(), *sorted(_names()[1])]
+    return [*script_names(), *_names(RECORDING_SUFFIXES[0])]
 
 
 def script_names() -> list[str]:
     """Return the names of all shipped scripts, in the order of `ORDER`."""
-    names = _names()[0]
-    return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
+    names = _names(SCRIPT_SUFFIX)
+    return [name for name in ORDER if name in names] + [name for name in names if name not in ORDER]
 
 
 @functools.cache
-def _names() -> tuple[frozenset[str], frozenset[str]]:
-    entries = [entry for entry in files("hhsim.trajectories").iterdir() if entry.name.endswith(SCRIPT_SUFFIX)]
-    tables = {entry.name: parse_toml(entry.read_text(encoding="utf-8"), entry.name) for entry in entries}
-    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if "recording" in table)
-    return frozenset(name.removesuffix(SCRIPT_SUFFIX) for name in tables) - recorded, recorded
+def _names(suffix: str) -> tuple[str, ...]:
+    entries = (entry.name for entry in files("hhsim.trajectories").iterdir())
+    return tuple(sorted(name.removesuffix(suffix) for name in entries if name.endswith(suffix)))
 
 
 def load_script(name: str) -> Script:
     """Return the shipped script of a name; UnknownNameError lists the near names."""
     check_known("trajectory", [name], script_names())
-    return parse_script(_text(name), name=name, where=f"trajectories/{name}{SCRIPT_SUFFIX}")
+    file = f"{name}{SCRIPT_SUFFIX}"
+    text = (files("hhsim.trajectories") / file).read_text(encoding="utf-8")
+    return parse_script(text, name=name, where=f"trajectories/{file}")
 
 
-class _Recorded(Settings, frozen=True):
-    """Recording of the catalogue: its file, the object that it is made for and where that stood [m], world."""
+def _shipped_recording(name: str) -> Trajectory:
+    from hhsim.motion.file import load_trajectory
 
-    recording: str
-    object: str
-    position: tuple[float, float, float]
-    orientation: tuple[float, float, float, float]  # (w, x, y, z)
-    fingers: tuple[str, ...]
-    title: str
-    stresses: str
-    notice: str
-    package: dict[str, Any]
-
-    def motion(self, name: str) -> Trajectory:
-        """Return the motion beside its object."""
-        from hhsim.motion.file import load_trajectory
-
-        with as_file(files("hhsim.trajectories") / self.recording) as path:
-            return replace(load_trajectory(path), name=name).placed(self.position, self.orientation)
+    with as_file(files("hhsim.trajectories") / f"{name}{RECORDING_SUFFIXES[0]}") as path:
+        return load_trajectory(path)
 
 
 def describe(name: str) -> TrajectoryDescription:
     """Return the catalogue entry of a shipped script or recording; UnknownNameError lists the near names."""
     check_known("trajectory", [name], trajectory_names())
-    if name in script_names():
-        found = load_script(name)
-        show, objects, figures = found.show, found.objects, tuple(use.figure for use in found.paper)
-        duration, rate, fingers = found.duration, found.rate, found.fingers if found.contact else ()
-        phases = tuple(phase.name for phase in found.phases)
-        title, stresses = found.title, found.stresses
-    else:
-        entry = _recorded(name)
-        motion = entry.motion(name)
-        show, objects, figures, title, stresses = "", (entry.object,), (), entry.title, entry.stresses
-        duration, rate, fingers = motion.duration, motion.mean_rate, entry.fingers
-        phases = tuple(phase.name for phase in motion.phases)
+    if name not in script_names():
+        motion = _shipped_recording(name)
+        title, line = f"Recorded from a real hand, {motion.device}", f"hhsim replay {USUAL_OBJECT} {name}"
+        about = title, motion.source, motion.duration, motion.mean_rate, (), ()
+        return TrajectoryDescription(name, *about, objects=(USUAL_OBJECT,), figures=(), line=line)
+    found = load_script(name)
     # `show` is an object and options.
-    object_, _, options = (show or (*objects, USUAL_OBJECT)[0]).partition(" ")
-    line = f"hhsim replay {object_} {name} {options}".rstrip()
-    return TrajectoryDescription(name, title, stresses, duration, rate, fingers, phases, objects, figures, line)
+    object_, _, options = (found.show or (*found.objects, USUAL_OBJECT)[0]).partition(" ")
+    return TrajectoryDescription(
+        name=name,
+        title=found.title,
+        stresses=found.stresses,
+        duration=found.duration,
+        rate=found.rate,
+        fingers=found.fingers if found.contact else (),
+        phases=tuple(phase.name for phase in found.phases),
+        objects=found.objects,
+        figures=tuple(use.figure for use in found.paper),
+        line=f"hhsim replay {object_} {name} {options}".rstrip(),
+    )
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:
     """Return True if the paper shows the scene of a result's description: its motion on one of its objects."""
     motion, object_ = str(description.get("trajectory")), description.get("object")
-    return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
+    return motion in script_names() and any(object_ in use.objects for use in load_script(motion).paper)
 
 
 def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None) -> Motion:
@@ -164,7 +153,7 @@ def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None)
     """
     word = str(name_or_path)
     if word in trajectory_names():
-        return load_script(word) if word in script_names() else _recorded(word).motion(word)
+        return load_script(word) if word in script_names() else _shipped_recording(word)
     path = Path(word)
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
@@ -233,11 +222,3 @@ def clean_imported(path: Path, recording: "Recording") -> Trajectory:
         return clean_recording(recording).trajectory
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error}") from None
-
-
-def _text(name: str) -> str:
-    return (files("hhsim.trajectories") / f"{name}{SCRIPT_SUFFIX}").read_text(encoding="utf-8")
-
-
-def _recorded(name: str) -> _Recorded:
-    return parse_settings(_text(name), _Recorded, f"trajectories/{name}{SCRIPT_SUFFIX}", TrajectoryError)
