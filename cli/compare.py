@@ -36,9 +36,9 @@ def command(
       hhsim compare before.h5 after.h5 --all
     """
     from hhsim.replay.compare import compare, compared
-    from hhsim.replay.recorded_verdict import checked_figures, read_ticks, verdict
     from hhsim.replay.summary import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
+    from hhsim.replay.verdict import checked_figures, read_ticks, verdict
     from hhsim.result.reader import load_hand
 
     of_a, _, of_b = (sides or "").partition(",")

@@ -5,7 +5,7 @@ A cell works, or is refused in one line.
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,14 +23,13 @@ from hhsim.result.reader import Result, load_result
 
 HANDS = ("one", "two")
 SURFACES = ("spheres", "mesh")
-BOTH = ("--hands", "both")
-KINDS: dict[str, tuple[str, ...]] = {
-    "fixed": ("cube", "grasp"),
-    "driven": ("cube", "carry"),
-    "free": ("cube", "grasp", "--free"),
-    "joint, driven": ("lid.toml", "grasp"),
-    "joint, free": ("slide.toml", "grasp"),
-    "several": ("blocks.toml", "grasp"),
+KINDS = {
+    "fixed": "cube grasp",
+    "driven": "cube carry",
+    "free": "cube grasp --free",
+    "joint, driven": "lid.toml grasp",
+    "joint, free": "slide.toml grasp",
+    "several": "blocks.toml grasp",
 }
 """Object, motion and options of each kind of bodies."""
 LID = joint(
@@ -58,7 +57,7 @@ OBJECTS = {
     ),
 }
 """Bodies of each file of several."""
-SHORT = ("--rate", "25", "--level", "3")
+SHORT = "--rate 25 --level 3"
 WORKS = "works"
 
 
@@ -70,14 +69,27 @@ class Scene(NamedTuple):
     surface: str
 
     @property
-    def words(self) -> tuple[str, ...]:
-        """Arguments of `hhsim replay`, but for the number of ticks."""
-        both = BOTH if self.hands == "two" else ()
-        return (*KINDS[self.kind], *both, "--surface", self.surface)
+    def words(self) -> str:
+        """Arguments of `hhsim replay`, but for the surface and the number of ticks."""
+        return KINDS[self.kind] + (" --hands both" if self.hands == "two" else "")
 
     @property
     def file(self) -> str:
         return "-".join(self).replace(", ", "-") + ".h5"
+
+    @property
+    def names(self) -> dict[str, str]:
+        """What the lines of `READERS` are filled in with."""
+        object_, motion, *free = KINDS[self.kind].split()
+        hand, devices = ("--hand left", "left=sim,right=sim") if self.hands == "two" else ("", "sim")
+        return {
+            "file": self.file,
+            "folder": self.file.removesuffix(".h5"),
+            "words": self.words,
+            "surface": self.surface,
+            "hand": hand,
+            "glove": f"{object_} {' '.join(free)} --trajectory {motion} --device {devices}",
+        }
 
 
 SCENES = [Scene(hands, kind, surface) for kind in KINDS for hands in HANDS for surface in SURFACES]
@@ -96,23 +108,28 @@ class Cells:
             body_file(self.folder, *tables, name=name)
         self.replayed = cache(self._replayed)
 
-    def run(self, *arguments: str, codes: Sequence[int] = (0,)) -> Served:
+    def run(self, line: str, codes: Sequence[int] = (0,)) -> Served:
         """Run a command; raise Refused where it is refused, AssertionError where it fails in another way."""
-        answer = self.server.run(*arguments)
+        answer = self.server.run(*line.split())
         if answer.code == 2:
             raise Refused(answer.err.strip().splitlines()[-1].removeprefix("hhsim: error: ").removeprefix("Error: "))
-        assert answer.code in codes, (arguments, answer.code, answer.err[-2000:])
+        assert answer.code in codes, (line, answer.code, answer.err[-2000:])
         return answer
 
     def _replayed(self, scene: Scene) -> str:
         # Code 1 is a verdict: at so few ticks a second a hand may be stuck.
-        self.run("replay", *scene.words, *SHORT, "--out", scene.file, "--quiet", codes=(0, 1))
+        self.run(f"replay {scene.words} --surface {scene.surface} {SHORT} --out {scene.file} --quiet", (0, 1))
         return scene.file
 
     def outcome(self, scene: Scene, reader: str) -> str:
         """Return `WORKS`, or the line with which the cell is refused."""
         try:
-            READERS[reader](self, scene)
+            if reader != "live":
+                self.replayed(scene)
+            names = {**scene.names, "recorded": _recorded(self, scene) if reader == "repair" else ""}
+            for command in READERS[reader]:
+                answer = self.run(command.line.format(**names), command.codes)
+                assert not command.holds or json.loads(answer.out)[command.holds], answer.out
         except Refused as refused:
             return str(refused)
         return WORKS
@@ -121,67 +138,13 @@ class Cells:
         return load_result(self.folder / self.replayed(scene))
 
 
-def _of_hands(scene: Scene) -> tuple[str, ...]:
-    """Options of a command that reads one hand of a file."""
-    return ("--hand", "left") if scene.hands == "two" else ()
-
-
-def _replay(cells: Cells, scene: Scene) -> None:
-    cells.replayed(scene)
-
-
-def _again(cells: Cells, scene: Scene) -> None:
-    answer = cells.run("replay", cells.replayed(scene), "--json")
-    assert json.loads(answer.out)["identical"], answer.out
-
-
-def _verify(cells: Cells, scene: Scene) -> None:
-    cells.run("verify", cells.replayed(scene), "--quiet", "--every", "50")
-
-
-def _view(cells: Cells, scene: Scene) -> None:
-    cells.run("view", cells.replayed(scene), "--rerun", f"{scene.file}.rrd", "--every", "25", "--quiet")
-    film = ("--video", f"{scene.file}.gif", "--pixels", "160", "--slow", "0.1", "--quiet")
-    cells.run("view", cells.replayed(scene), *film)
-
-
-def _report(cells: Cells, scene: Scene) -> None:
-    cells.run("report", cells.replayed(scene), "--out", f"{scene.file}.html", "--quiet")
-
-
-def _compare(cells: Cells, scene: Scene) -> None:
-    answer = cells.run("compare", *(cells.replayed(scene),) * 2, *_of_hands(scene), "--json")
-    assert json.loads(answer.out)["comparable"]
-
-
-def _gate(cells: Cells, scene: Scene) -> None:
-    cells.run("gate", cells.replayed(scene), "--quiet", codes=(0, 1))
-
-
-def _export(cells: Cells, scene: Scene) -> None:
-    result = cells.replayed(scene)
-    cells.run("export", result, f"{scene.file}.csv", "--columns", "all", *_of_hands(scene), "--quiet")
-    cells.run("export", result, f"{scene.file}.npz", "--as", "npz", *_of_hands(scene), "--quiet")
-
-
-def _score(cells: Cells, scene: Scene) -> None:
-    folder = scene.file.removesuffix(".h5")
-    own = tuple(word for word in scene.words if word not in ("--surface", scene.surface))
-    cells.run("scene", *own, *SHORT, "--out", folder, "--quiet")
-    # The example is the user's own hand, which goes through things: suspected, code 1.
-    submission = f"{folder}/example-submission.csv"
-    out = ("--out", f"{folder}-score.h5", "--surface", scene.surface, "--quiet")
-    cells.run("score", submission, *out, codes=(0, 1))
-
-
-def _repair(cells: Cells, scene: Scene) -> None:
-    result, name = cells.result(scene), scene.file.removesuffix(".h5")
+def _recorded(cells: Cells, scene: Scene) -> str:
+    """Write the users' hands as a recording, and return what `hhsim repair` is told of it."""
+    result, name = cells.result(scene), scene.names["folder"]
     frames = range(0, result.ticks, 12)
     (cells.folder / f"{name}.csv").write_text(keypoint_table(_leap(result, frames)))
-    poses = tuple(_poses(cells, result, frames, name))
-    both = BOTH if scene.hands == "two" else ()
-    given = ("--object", KINDS[scene.kind][0], *poses, *both, "--max-correction", "200")
-    cells.run("repair", f"{name}.csv", *given, "--out", f"{name}-free.csv", "--quiet", codes=(0, 1))
+    both = "--hands both" if scene.hands == "two" else ""
+    return f"--object {KINDS[scene.kind].split()[0]} {both} {_poses(cells, result, frames, name)}"
 
 
 def _leap(result: Result, frames: Sequence[int]) -> dict[str, Any]:
@@ -198,51 +161,55 @@ def _leap(result: Result, frames: Sequence[int]) -> dict[str, Any]:
     return {"metadata": {"formatVersion": 1, "frames": len(found), "generatedBy": "LeapJS"}, "frames": found}
 
 
-def _poses(cells: Cells, result: Result, frames: Sequence[int], name: str) -> Iterator[str]:
-    """Options that give a repair the poses of a body that moves alone, as a recording has them."""
+def _poses(cells: Cells, result: Result, frames: Sequence[int], name: str) -> str:
+    """Option that gives a repair the poses of a body that moves alone, as a recording has them."""
     if len(result.bodies) > 1 or not result.body.moves:
-        return
+        return ""
     rows = np.column_stack(result.body.poses())[list(frames)]
     text = [",".join(f"{value!r}" for value in row) for row in rows.tolist()]
     (cells.folder / f"{name}-poses.csv").write_text("\n".join(["px,py,pz,qw,qx,qy,qz", *text, ""]))
-    yield from ("--object-poses", f"{name}-poses.csv")
+    return f"--object-poses {name}-poses.csv"
 
 
-def _live(devices: str) -> Callable[[Cells, Scene], None]:
-    def run(cells: Cells, scene: Scene) -> None:
-        name, motion, *free = KINDS[scene.kind]
-        words = (name, *free, "--trajectory", motion, "--device", devices, "--surface", scene.surface)
-        record = scene.file.replace(".h5", "-live.h5")
-        how = ("--duration", "0.3", "--rate", "100", "--level", "3", "--no-realtime", "--record", record, "--quiet")
-        cells.run("live", "glove", *words, *how)
-        assert json.loads(cells.run("replay", record, "--json").out)["identical"]
-        cells.run("verify", record, "--quiet")
+class Command(NamedTuple):
+    """Line of a cell, its exit codes, and what its JSON document has to hold."""
 
-    return run
+    line: str
+    codes: tuple[int, ...] = (0,)
+    holds: str = ""
 
 
-_one_glove, _two_gloves = _live("sim"), _live("left=sim,right=sim")
-
-
-def _gloves(cells: Cells, scene: Scene) -> None:
-    (_one_glove if scene.hands == "one" else _two_gloves)(cells, scene)
-
-
-READERS: dict[str, Callable[[Cells, Scene], None]] = {
-    "replay": _replay,
-    "run again": _again,
-    "verify": _verify,
-    "view, film": _view,
-    "report": _report,
-    "compare": _compare,
-    "gate": _gate,
-    "export": _export,
-    "scene, score": _score,
-    "repair": _repair,
-    "live": _gloves,
+READERS: dict[str, tuple[Command, ...]] = {
+    "replay": (),
+    "run again": (Command("replay {file} --json", holds="identical"),),
+    "verify": (Command("verify {file} --quiet --every 50"),),
+    "view, film": (
+        Command("view {file} --rerun {file}.rrd --every 25 --quiet"),
+        Command("view {file} --video {file}.gif --pixels 160 --slow 0.1 --quiet"),
+    ),
+    "report": (Command("report {file} --out {file}.html --quiet"),),
+    "compare": (Command("compare {file} {file} {hand} --json", holds="comparable"),),
+    "gate": (Command("gate {file} --quiet", (0, 1)),),
+    "export": (
+        Command("export {file} {file}.csv --columns all {hand} --quiet"),
+        Command("export {file} {file}.npz --as npz {hand} --quiet"),
+    ),
+    "scene, score": (
+        Command(f"scene {{words}} {SHORT} --out {{folder}} --quiet"),
+        # The example is the user's own hand, which goes through things: suspected, code 1.
+        Command("score {folder}/example-submission.csv --out {folder}-score.h5 --surface {surface} --quiet", (0, 1)),
+    ),
+    "repair": (Command("repair {folder}.csv {recorded} --max-correction 200 --out {folder}-free.csv --quiet", (0, 1)),),
+    "live": (
+        Command(
+            "live glove {glove} --surface {surface} --duration 0.3 --rate 100 --level 3 --no-realtime "
+            "--record {folder}-live.h5 --quiet"
+        ),
+        Command("replay {folder}-live.h5 --json", holds="identical"),
+        Command("verify {folder}-live.h5 --quiet"),
+    ),
 }
 """What is done with each scene; live with as many gloves as it has hands."""
-
 CELLS = [(scene, reader) for scene in SCENES for reader in READERS]
 QUICK = Scene("one", "joint, driven", "mesh"), ("replay", "run again", "compare", "export")
 """What `make test` runs."""

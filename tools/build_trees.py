@@ -14,7 +14,7 @@ from hhsim.hand.model import MIRROR, HandModel
 from hhsim.linkage.file import solid_for
 from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, load_object, object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.declared_bodies import load_object as load_bodies
 from hhsim.trees.builder import build_sphere_tree, proved_anew
 from hhsim.trees.cache import SHIPPED_SUFFIX, shipped_name
 from hhsim.trees.file import save_tree

@@ -186,7 +186,7 @@ def joint_driven(drawing: Drawing) -> None:
             poses = ObjectMotion(np.zeros((drawing.ticks, 3)), quaternion(values[:, None] * along))
         else:
             poses = ObjectMotion(values[:, None] * along, np.tile(STILL, (drawing.ticks, 1)))
-        joint = Joint(type_, triple(along), limits=(least, most), on="base", value=float(values[0]))
+        joint = Joint(type_, triple(along), limits=(least, most), on="base", start=float(values[0]))
         # Mesh and tree stay in the body's frame, which the first pose places.
         body = drawing.add(solid, Driven(poses, values), joint)
         placed = Body(**{**vars(body), "position": poses.position[0], "orientation": poses.orientation[0]})

@@ -33,7 +33,7 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
 def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     """Return label, figure and unit of every line."""
     from hhsim.live.session.statistics import session_figures
-    from hhsim.replay.session_table import session_rows
+    from hhsim.replay.summary_table import session_rows
 
     tally, counters = outcome.tally, outcome.counters
     everything = max(outcome.ticks + outcome.missed, 1)

@@ -52,10 +52,9 @@ from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_besi
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.merge import merge_hands
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS
-from hhsim.result.writer import add_skin
+from hhsim.result.writer import add_skin, merge_hands
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now

@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
-from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import penetration
@@ -20,7 +19,7 @@ from hhsim.solver.known_methods import find_method
 from hhsim.solver.method import FORCES
 from hhsim.solver.options import SolverOptions
 from hhsim.system.counted import counted
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.trees.contact_surface import contact_surface
 
 OBJECT, MOTION = "sphere", "grasp"
 """Scene: a ball has no edge that could be blamed."""
@@ -64,41 +63,69 @@ def check_method(name: str) -> Iterator[Finding]:
         yield Finding("run", WRONG, str(error))
         return
     yield Finding("run", OK, f"{counted(ticks, 'tick')}, each a hand of the right shapes, finite, its quaternion unit")
-    yield _same(record, again)
-    yield _free(record, haptic)
-    yield _bends(hand, HandConfiguration.of(record))
-    yield _rest(record)
-    yield _depth(hand, surface, record, promised=method.never_penetrates)
-    yield _touches(record)
-    if FORCES in method.gives:
-        yield _push(record)
-    yield from _times(record)
-
-
-def _same(record: TickRecord, again: TickRecord) -> Finding:
     pairs = zip(HandConfiguration.of(record), HandConfiguration.of(again))
-    differ = np.any([(one != other).reshape(len(one), -1).any(axis=1) for one, other in pairs], axis=0)
-    if not differ.any():
-        return Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
-    begun = f"a second run differs from tick {int(np.argmax(differ)):,} on"
-    return Finding("repeatable", NOTE, f"{begun}: its results cannot be run again bit for bit")
+    differ = np.any([(one != other).reshape(ticks, -1).any(axis=1) for one, other in pairs], axis=0)
+    if differ.any():
+        begun = f"a second run differs from tick {int(np.argmax(differ)):,} on"
+        yield Finding("repeatable", NOTE, f"{begun}: its results cannot be run again bit for bit")
+    else:
+        yield Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
+    near = record.work[:, WORK_CANDIDATES] > 0
+    yield _follows(record.position[~near], haptic.position[~near])
+    shown = HandConfiguration.of(record).flexion
+    beyond = float(np.maximum(hand.flexion_min - shown, shown - hand.flexion_max).max())
+    if beyond <= 1e-6:
+        yield Finding("joint limits", OK, "no joint is beyond its limit")
+    elif float(np.abs(shown).max()) > np.pi:
+        yield Finding("joint limits", WRONG, "joints bend by more than half a turn: degrees?")
+    else:
+        yield Finding("joint limits", NOTE, f"a joint is {beyond:.3g} rad beyond its limit")
+    moved = float(np.linalg.norm(record.joints[-1] - record.joints[-2], axis=-1).max())
+    if moved <= AT_REST:
+        yield Finding("rest", OK, "where the user's hand rests, the shown hand comes to rest")
+    else:
+        says = f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick"
+        yield Finding("rest", NOTE, says)
+    placed = PlacedHand(record.joints, record.position, record.orientation)
+    deepest = float(np.nanmax(penetration(surface.arrays, hand_shape(hand), placed).depth))
+    if deepest <= 1e-12:
+        yield Finding("depth", OK, "no tick penetrates")
+    else:
+        more = ", although it promises not to (never_penetrates)" if method.never_penetrates else ""
+        says = f"the shown hand is up to {1e3 * deepest:.3g} mm inside the object{more}"
+        yield Finding("depth", WRONG if method.never_penetrates else NOTE, says)
+    if near.any():
+        touching = counted(int((record.work[:, WORK_TOUCHING] > 0).sum()), "tick")
+        yield Finding("contact", OK, f"the hand touches the object in {touching}")
+    else:
+        yield Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
+    if FORCES in method.gives:
+        yield _pushes(record, near)
+    # As in replay's table: a tick in free space may take next to nothing.
+    judged = near if near.any() else ~near
+    total, native = (1e-3 * np.median(of[judged]) for of in (record.duration_cpu, record.duration[:, 1]))
+    own = f", of which {native:.3g} µs are its own by its word" if native > 0.0 else ""
+    yield Finding("time", OK, f"a tick in contact takes {total:,.1f} µs of CPU in the median{own}")
+    first = 1e-3 * float(record.duration_cpu[0])
+    if first > 100.0 * total and first > 1e4:
+        advice = f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
+        yield Finding("first tick", NOTE, advice)
 
 
-def _free(record: TickRecord, haptic: HandConfiguration) -> Finding:
-    far = np.flatnonzero(record.work[:, WORK_CANDIDATES] == 0)
-    if far.size == 0:
+def _follows(shown: FloatArray, wanted: FloatArray) -> Finding:
+    """Judge how near the shown palm is to the user's in free space, each (T, 3) [m]."""
+    if not len(shown):
         return Finding("free space", WRONG, "the shown hand is never farther than the margin from the object")
-    shown, wanted = record.position[far], haptic.position[far]
     worst = float(np.linalg.norm(shown - wanted, axis=1).max())
     if worst <= FOLLOWS:
         return Finding("free space", OK, f"the shown palm follows the user's to {1e3 * worst:.3g} mm")
-    off = ((text, float(np.linalg.norm(changed - wanted, axis=1).max())) for text, changed in same_but_for(shown))
+    off = ((text, float(np.linalg.norm(changed - wanted, axis=1).max())) for text, changed in _same_but_for(shown))
     why = next((f": {text}?" for text, rest in off if rest < 0.1 * worst), "")
     says = f"the shown palm is up to {1e3 * worst:.3g} mm off the user's{why} (free of contact)"
     return Finding("free space", WRONG, says)
 
 
-def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+def _same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield positions as they would be in another unit or frame: the suspected mistake, and the corrected positions."""
     for unit, size in (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254)):
         yield unit, position * size
@@ -114,61 +141,13 @@ def same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
                 yield up if np.linalg.det(turn) > 0.0 else f"left-handed, {up}", position @ turn.T
 
 
-def _bends(hand: HandModel, shown: HandConfiguration) -> Finding:
-    beyond = float(np.maximum(hand.flexion_min - shown.flexion, shown.flexion - hand.flexion_max).max())
-    if beyond <= 1e-6:
-        return Finding("joint limits", OK, "no joint is beyond its limit")
-    if float(np.abs(shown.flexion).max()) > np.pi:
-        return Finding("joint limits", WRONG, "joints bend by more than half a turn: degrees?")
-    return Finding("joint limits", NOTE, f"a joint is {beyond:.3g} rad beyond its limit")
-
-
-def _rest(record: TickRecord) -> Finding:
-    moved = float(np.linalg.norm(record.joints[-1] - record.joints[-2], axis=-1).max())
-    if moved <= AT_REST:
-        return Finding("rest", OK, "where the user's hand rests, the shown hand comes to rest")
-    return Finding("rest", NOTE, f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick")
-
-
-def _depth(hand: HandModel, surface: ContactSurface, record: TickRecord, *, promised: bool) -> Finding:
-    placed = PlacedHand(record.joints, record.position, record.orientation)
-    found = penetration(surface.arrays, hand_shape(hand), placed)
-    deepest = float(np.nanmax(found.depth))
-    if deepest <= 1e-12:
-        return Finding("depth", OK, "no tick penetrates")
-    verdict = WRONG if promised else NOTE
-    more = ", although it promises not to (never_penetrates)" if promised else ""
-    return Finding("depth", verdict, f"the shown hand is up to {1e3 * deepest:.3g} mm inside the object{more}")
-
-
-def _touches(record: TickRecord) -> Finding:
-    if np.any(record.work[:, WORK_CANDIDATES] > 0):
-        touching = counted(int((record.work[:, WORK_TOUCHING] > 0).sum()), "tick")
-        return Finding("contact", OK, f"the hand touches the object in {touching}")
-    return Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
-
-
-def _push(record: TickRecord) -> Finding:
-    free = record.work[:, WORK_CANDIDATES] == 0
+def _pushes(record: TickRecord, near: BoolArray) -> Finding:
+    """Judge the forces of ticks, which balance the coupling: Eq. 1 without inertia."""
     size = np.linalg.norm(record.total, axis=1)
-    if float(size[free].max(initial=0.0)) > 1e-3:
-        return Finding("forces", NOTE, f"{size[free].max():.3g} N where nothing is within the margin")
+    if float(size[~near].max(initial=0.0)) > 1e-3:
+        return Finding("forces", NOTE, f"{size[~near].max():.3g} N where nothing is within the margin")
     if float(size.max()) == 0.0:
         return Finding("forces", WRONG, "it promises forces, and all are 0 in a grasp")
-    # Contact forces balance the coupling: Eq. 1 without inertia.
     if float(np.einsum("ti,ti->t", record.total, record.palm_wrench[:, :3]).sum()) < 0.0:
         return Finding("forces", WRONG, "forces pull the hand towards the user's: meant are those on the hand; turned?")
     return Finding("forces", OK, f"up to {size.max():.3g} N, and they push the shown hand off the user's")
-
-
-def _times(record: TickRecord) -> Iterator[Finding]:
-    near = record.work[:, WORK_CANDIDATES] > 0
-    # As in replay's table: a tick in free space may take next to nothing.
-    near |= not near.any()
-    total, native = 1e-3 * np.median(record.duration_cpu[near]), 1e-3 * np.median(record.duration[near, 1])
-    own = f", of which {native:.3g} µs are its own by its word" if native > 0.0 else ""
-    first = 1e-3 * float(record.duration_cpu[0])
-    yield Finding("time", OK, f"a tick in contact takes {total:,.1f} µs of CPU in the median{own}")
-    if first > 100.0 * total and first > 1e4:
-        advice = f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
-        yield Finding("first tick", NOTE, advice)

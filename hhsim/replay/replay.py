@@ -22,8 +22,8 @@ from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import needed_columns, run_metrics
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_columns import KeptColumns
-from hhsim.replay.tick_rows import HandRows
+from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.schema import (
     BETWEEN_COLUMNS,
@@ -37,10 +37,10 @@ from hhsim.result.schema import (
     POSE_COLUMNS,
     TICK,
 )
-from hhsim.result.writer import BodyPart, HandPart, ResultWriter
+from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
-from hhsim.solver.method import METHODS, Method
+from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.solver.world_solver import keeps_hands_apart
@@ -66,35 +66,31 @@ def replay_scene(
     Raises InputError for invalid options, or a method that lacks what it needs, OutputError where the file cannot be
     written, and HhsimError where more pairs were near than the solver holds.
     """
-    solver = SceneSolver(scene, _checked(options))
-    run = Replay(solver, description)
-    with run.writer(Path(output_path), command):
-        run.go(progress or silent)
-        return run.finish()[0]
-
-
-def _checked(options: SolverOptions) -> SolverOptions:
     if not isinstance(options, SolverOptions):
         raise InputError(f"options: expected SolverOptions, found {options!r}")
-    return options
+    return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress or silent)[0]
 
 
 class HandRun(HandRows):
     """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
 
     def __init__(
-        self, solver: SceneSolver, hand: int, bodies: Mapping[str, BodyPart], described: Mapping[str, Any]
+        self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
     ) -> None:
         super().__init__(solver, hand, list(bodies))
         scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
-        self.ticks, motion = of_hand.ticks, of_hand.trajectory
+        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
+        of_method: dict[str, Any] = {}
+        if options.method not in METHODS:
+            of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
+            of_method |= {"method_source": method.source} if method.source else {}
         self.described = {
             **scene.description,
             **described,
             "rate": scene.ticks.rate,
             "motion": motion.name,
             "motion_source": motion.source,
-            **_of_outside_method(options.method, solver.hands[hand].method),
+            **of_method,
             **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
@@ -102,11 +98,6 @@ class HandRun(HandRows):
         self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
         of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
         self._contacts = KeptColumns(of_contacts if seen.free else ())
-
-    @property
-    def part(self) -> HandPart:
-        """Hand of the run's file."""
-        return HandPart(self.described, hand_arrays(self.model))
 
     def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
         """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
@@ -140,6 +131,12 @@ class Replay:
         self._models, self.graphic_distances = [run.model for run in self.runs], list[FloatArray]()
         self.tick_durations = list[AnyArray]()
 
+    def into(self, path: Path, command: Sequence[str], progress: Progress) -> tuple[ReplaySummary, ...]:
+        """Solve all ticks, write the file, and return the table of each hand."""
+        with self.writer(path, command):
+            self.go(progress)
+            return self.finish()
+
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick; it measures the haptic hands."""
         scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
@@ -149,7 +146,7 @@ class Replay:
         frame = [replace(column, name=f"{FRAME.partition('/')[2]}/{column.name}") for column in POSE_COLUMNS]
         self._writer = ResultWriter(
             path,
-            hands={run.model.side: run.part for run in self.runs},
+            hands={run.model.side: HandPart(run.described, hand_arrays(run.model)) for run in self.runs},
             bodies=self.bodies,
             columns=(*(BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
             phases=scene.ticks.phases,
@@ -202,13 +199,6 @@ def _is_of_hand(figure: str) -> bool:
     return figure in run_metrics() and not run_metrics()[figure].of_body
 
 
-def _of_outside_method(name: str, method: Method) -> dict[str, Any]:
-    if name in METHODS:
-        return {}
-    known = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
-    return {**known, "method_source": method.source} if method.source else known
-
-
 @dataclass(frozen=True)
 class TwoHandedReplay:
     """Outcome of a replay of two hands."""
@@ -257,12 +247,9 @@ def replay_two_hands(
     """
     if len(scene.hands) != len(SIDES):
         raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
-    solver = SceneSolver(scene, _checked(options))
-    run = Replay(solver)
-    with run.writer(Path(output_path), command) as writer:
-        run.go(progress)
-        right, left = run.finish()
+    run = Replay(SceneSolver(scene, options))
+    right, left = run.into(Path(output_path), command, progress)
     times = 1e-9 * np.concatenate(run.tick_durations)
     p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
     haptic, graphic = (float(np.min(of)) for of in (run.haptic_distance, np.concatenate(run.graphic_distances)))
-    return TwoHandedReplay(writer.path, (right, left), p50, p99, haptic, graphic, run.together, run.keeps_apart)
+    return TwoHandedReplay(Path(output_path), (right, left), p50, p99, haptic, graphic, run.together, run.keeps_apart)

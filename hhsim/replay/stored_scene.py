@@ -1,12 +1,10 @@
 """Object, tree, hand and options to and from a result file, bit for bit."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
@@ -30,9 +28,9 @@ from hhsim.result.schema import (
     OF_BODIES,
     POSE_COLUMNS,
     TREE_ARRAYS,
+    Column,
 )
 from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
-from hhsim.result.writer import BodyPart
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
@@ -43,6 +41,8 @@ from hhsim.trees.sphere_tree import SphereTree
 
 STILL = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 """Pose of a body whose mesh is in a frame that is the world's."""
+JOINT_PROPERTIES = ("type", "axis", "origin", "limits", "friction", "on", "value")
+"""Properties of a driven joint in a file."""
 
 
 def hand_arrays(hand: HandModel) -> dict[str, AnyArray]:
@@ -57,66 +57,51 @@ def hand_arrays(hand: HandModel) -> dict[str, AnyArray]:
     }
 
 
-def body_arrays(
-    mesh: Mesh, tree: SphereTree, position: ArrayLike = STILL.position, orientation: ArrayLike = STILL.orientation
-) -> dict[str, AnyArray]:
-    """Return the arrays of `hhsim.result.schema.BODY_STATIC`: mesh and tree in the world [m].
-
-    The origin of the body's own frame [m], (3,), and its orientation (w, x, y, z), (4,), are in the world.
-    """
-    return {
-        "mesh/vertices": mesh.vertices,
-        "mesh/faces": mesh.faces,
-        **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
-        "position": np.array(position, dtype=np.float64),
-        "orientation": np.array(orientation, dtype=np.float64),
-    }
-
-
 def body_name(name: str) -> str:
     """Return the name of a body's group: that of a mesh without slashes, `object` for none."""
     return name.replace("/", "-").strip(".") or "object"
 
 
-def body_part(
-    kind: str,
-    mesh: Mesh,
-    tree: SphereTree,
-    place: ObjectMotion = STILL,
-    free: FreeObject | None = None,
-    *,
-    many: bool = False,
-    first: bool = True,
-    joint: Joint | None = None,
-) -> BodyPart:
-    """Return a body of a file, whose mesh and tree are at a pose of its frame, shapes (3,) and (4,).
+def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
+    """Return the bodies of a scene's file by their names, mesh and tree in the world where `place` has its frame.
 
-    `free` has the properties of one in a scene where one is free; `many` is True beside others, `first` of the first;
-    a `joint` is of one that its values drive where nothing is free.
+    Where one of several is free each has its properties; else a joint that its values drive has them.
     """
-    columns = [*(POSE_COLUMNS if many or kind != "fixed" else ()), *((JOINT_COLUMN,) if joint else ())]
-    properties = free.to_json() if free else {"joint": asdict(joint)} if joint else {}
-    if free is not None:
-        columns += [*MOTION_COLUMNS, *((OF_BODIES,) if many else ()), *(FREE_COLUMNS if first else ())]
-        columns += DRIVEN_COLUMNS if kind == "driven" else ()
-    return BodyPart(kind, body_arrays(mesh, tree, *place), columns, properties)
-
-
-def body_parts(scene: Scene, seen: SeenScene) -> dict[str, BodyPart]:
-    """Return the bodies of a scene's file by their names."""
     if (parts := seen.parts) is None:
         kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
-        return {body_name(seen.mesh.name): body_part(kind, seen.mesh, seen.tree, seen.place, seen.free)}
-    solids = {body.name: body for body in scene.solids}
+        columns = (*(POSE_COLUMNS if kind != "fixed" else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if seen.free else ()))
+        properties = seen.free.to_json() if seen.free else {}
+        arrays = _arrays(seen.mesh, seen.tree, seen.place)
+        return {body_name(seen.mesh.name): StoredBody(kind, arrays, _names(columns), properties)}
+    solids, found = {body.name: body for body in scene.solids}, dict[str, StoredBody]()
     free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
-    properties, found = dict(zip(parts.names, free)), dict[str, BodyPart]()
-    for name, mesh, tree in zip(parts.names, parts.meshes, parts.trees, strict=True):
+    for p, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
+        columns, joint, properties = POSE_COLUMNS, solids[name].joint, {}
         # Where none is free all are stored as driven: one that stands may stand in a frame that a recording carries.
         kind = type(solids[name].motion).__name__.lower() if free else "driven"
-        joint = solids[name].joint if name in parts.values else None
-        first = name == parts.names[0]
-        found[name] = body_part(kind, mesh, tree, free=properties.get(name), many=True, first=first, joint=joint)
+        if free:
+            properties = free[p].to_json()
+            columns += (*MOTION_COLUMNS, OF_BODIES, *(FREE_COLUMNS if p == 0 else ()))
+            columns += DRIVEN_COLUMNS if kind == "driven" else ()
+        elif joint is not None and name in parts.values:
+            properties = {"joint": {each: getattr(joint, each) for each in JOINT_PROPERTIES}}
+            columns += (JOINT_COLUMN,)
+        found[name] = StoredBody(kind, _arrays(mesh, tree, STILL), _names(columns), properties)
     return found
+
+
+def _names(columns: Iterable[Column]) -> tuple[str, ...]:
+    return tuple(column.name for column in columns)
+
+
+def _arrays(mesh: Mesh, tree: SphereTree, place: ObjectMotion) -> dict[str, AnyArray]:
+    """Return the arrays of `hhsim.result.schema.BODY_STATIC`: mesh and tree in the world [m], at a pose of the body."""
+    return {
+        "mesh/vertices": mesh.vertices,
+        "mesh/faces": mesh.faces,
+        **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+        **{name: np.array(values, dtype=np.float64) for name, values in place._asdict().items()},
+    }
 
 
 def describe_scene(
@@ -124,7 +109,7 @@ def describe_scene(
     tree: SphereTree,
     hand: HandModel,
     options: SolverOptions,
-    bodies: Mapping[str, BodyPart],
+    bodies: Mapping[str, StoredBody],
     free: FreeObject | None = None,
 ) -> dict[str, Any]:
     """Return the description of a scene for the result's file as plain values."""
@@ -195,11 +180,6 @@ def stored_mesh(body: StoredBody) -> Mesh:
     return Mesh(body.vertices, body.faces, name=body.name, source=str(body.result.path))
 
 
-def stored_tree(body: StoredBody) -> SphereTree:
-    """Return the sphere tree of a body, where it is stored [m]; InputError if the arrays are no tree."""
-    return sphere_tree_of(body.static, "tree")
-
-
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
     """Make the scene that a result holds, with these of its hands and its first `most` ticks, by default all.
 
@@ -230,7 +210,8 @@ def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
 
 def _scene_body(body: StoredBody, rows: slice) -> Body:
     """Return a body of a result as one of a scene."""
-    mesh, tree, place, own = stored_mesh(body), stored_tree(body), body.place, body.properties
+    mesh, tree = stored_mesh(body), sphere_tree_of(body.static, "tree")
+    place, own = body.place, body.properties
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
     motion: BodyMotion = Fixed()
     if body.is_free:
@@ -241,22 +222,19 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     elif body.kind == "driven":
         poses = body.poses(rows)
         motion, begin = Driven(poses, np.asarray(body["joint"][rows]) if "joint" in body else None), poses.at(0)
-        about |= {"joint": Joint(**own["joint"])} if own else {}
+        if joint := dict(own.get("joint", {})):
+            about["joint"] = Joint(start=joint.pop("value"), **joint)
+    # Mesh and tree are stored in the world; a body of a scene has them in its own frame.
     own_mesh, own_tree = mesh, tree
-    if not _equal(place, STILL):
-        # Mesh and tree are stored in the world; a body of a scene has them in its own frame.
+    if not all(map(np.array_equal, place, STILL)):
         back = rotation_matrix(place.orientation).T
         to = back, matmul(back, -place.position)
         own_mesh, own_tree = mesh.transformed(*to), tree.transformed(*to)
     made = Body(body.name, own_mesh, own_tree, *begin, motion, **about)
-    if _equal(begin, place):
+    if all(map(np.array_equal, begin, place)):
         # As stored: there and back would round.
         vars(made).update(placed_mesh=mesh, placed_tree=tree)
     return made
-
-
-def _equal(one: ObjectMotion, other: ObjectMotion) -> bool:
-    return all(map(np.array_equal, one, other))
 
 
 def stored_hand(result: Result) -> HandModel:

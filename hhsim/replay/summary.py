@@ -25,7 +25,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.metrics import metrics
 from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
-from hhsim.metrics.metrics import Statistics, force_variation_rate, statistics
+from hhsim.metrics.metrics import force_variation_rate, statistics
 from hhsim.metrics.moving_parts import MovingParts, TouchedParts
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
@@ -33,8 +33,8 @@ from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.stored_scene import STILL
-from hhsim.replay.summary_table import SummaryRow, figure_table, short_table, summary_rows
-from hhsim.replay.tick_columns import KeptColumns
+from hhsim.replay.summary_table import SummaryRow, summary_rows
+from hhsim.replay.tick_rows import KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.hand_solver import HandSolver, WarmUp
@@ -59,25 +59,6 @@ GRAPHIC_HAND = ("graphic/position", "graphic/orientation", "graphic/flexion", "g
 """Datasets from which figures of further runs start."""
 MORE_DIGITS = 2
 """Digits that a deviation may add to the table's tenths of a µs: a tick's time is whole nanoseconds."""
-
-
-def tremor_variation(
-    hand: HandModel,
-    surface: Any,
-    options: SolverOptions,
-    haptic: HandConfiguration,
-    graphic: HandConfiguration,
-    rate: float,
-    seed: int = 0,
-) -> Statistics | None:
-    """Compute mean, spread and maximum of the force variation rate [%] of a hold repeated with tremor.
-
-    Undefined where the hold is no longer than the onset; None where its input moves. Arguments as for `trembling_hold`.
-    """
-    if any(np.any(values != values[:1]) for values in haptic):
-        return None
-    record, settled = trembling_hold(hand, surface, options, haptic, graphic, rate, seed)
-    return statistics(force_variation_rate(record.total), settled)
 
 
 def trembling_hold(
@@ -128,15 +109,6 @@ class ReplaySummary:
         run = f"{self.object_name}, {self.motion_name}, {self.method} on {self.surface}, {self.ticks:,} ticks"
         place = f"; {self.path}" if self.path else ""
         return f"ReplaySummary({run}: {self.verdict.word}{place}; figures by name, SI: .attributes())"
-
-    def _repr_html_(self) -> str:
-        """Return the short table, for a notebook."""
-        from html import escape
-
-        from hhsim.table.html import table_html
-
-        table = figure_table(short_table(self.rows, self.verdict.missed), promises=self.promises)
-        return f"<p>{escape(self.verdict.line)}</p>{table_html(table)}"
 
     @property
     def verdict(self) -> Verdict:
@@ -242,28 +214,13 @@ def figures_of_own_runs(
     found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
     if not find_method(options.method).gives >= {FORCES, RUNS}:
         return found
-    hold = run.holds[0]
-    trembling = tremor_variation(hand, surface, options, haptic.at(hold), graphic.at(hold), run.rate)
-    if trembling is not None:
+    held_haptic, held_graphic = haptic.at(run.holds[0]), graphic.at(run.holds[0])
+    if all(np.all(values == values[:1]) for values in held_haptic):
+        # The same hold with a trembling hand.
+        record, settled = trembling_hold(hand, surface, options, held_haptic, held_graphic, run.rate)
+        trembling = statistics(force_variation_rate(record.total), settled)
         found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
     return found
-
-
-def _coarse_spheres_note(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
-    """Advice on contacts that are farther from the mesh than a user should feel."""
-    error = figures["contact_error_max"]
-    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
-    if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
-        return ()
-    level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
-    if seen.others:
-        way = "mend it with --surface mesh"
-    elif level < MOST_LEVEL:
-        way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
-    return (
-        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level {level}) "
-        f"are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}",
-    )
 
 
 def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
@@ -297,6 +254,23 @@ def _notes(seen: SeenScene, options: SolverOptions, hands_apart: bool, status: A
     if options.threads > 1:
         notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
     return tuple(notes)
+
+
+def _coarse_spheres_note(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
+    """Advice on contacts that are farther from the mesh than a user should feel."""
+    error = figures["contact_error_max"]
+    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
+    if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
+        return ()
+    level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
+    if seen.others:
+        way = "mend it with --surface mesh"
+    elif level < MOST_LEVEL:
+        way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
+    return (
+        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level {level}) "
+        f"are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}",
+    )
 
 
 @dataclass(frozen=True)

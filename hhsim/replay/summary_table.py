@@ -12,6 +12,8 @@ from typing import Any
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import judged_metrics, run_metrics
 from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.session_faults import MISSED_BY, SESSION_TIMES
+from hhsim.result.safety import WORDS, Safety
 from hhsim.solver.method import METHODS, PROMISES
 from hhsim.table.table import Table, number, words
 
@@ -69,28 +71,18 @@ def figure_table(
     return Table(columns, rows, title)
 
 
-@dataclass(frozen=True)
-class _OfHands:
-    """A figure of several hands: the rows of those that have it, by name; a body's is the first one's."""
-
-    rows: Mapping[str, SummaryRow]
-
-    @property
-    def first(self) -> SummaryRow:
-        return next(iter(self.rows.values()))
-
-    def shown(self, hand: str) -> str:
-        row = self.rows.get(hand)
-        return "" if row is None or (run_metrics()[row.name].of_body and row is not self.first) else row.shown
-
-
 def hands_table(hands: Mapping[str, Sequence[SummaryRow]], promises: Collection[str]) -> Table:
     """Return the figures of hands that were run together: a column for each, and those of a body once."""
-    names = dict.fromkeys(name for name in run_metrics() for rows in hands.values() if name in {r.name for r in rows})
-    rows = [_OfHands({hand: row for hand, its in hands.items() for row in its if row.name == name}) for name in names]
-    columns = [words("", "first.label")]
-    columns += [number(hand, partial(_OfHands.shown, hand=hand)) for hand in hands]
-    return Table([*columns, words("unit", "first.unit"), number("limit", lambda of: of.first.limit(promises))], rows)
+    known = {hand: {row.name: row for row in rows} for hand, rows in hands.items()}
+    first = {name: row for rows in reversed(known.values()) for name, row in rows.items()}
+
+    def shown(hand: str, row: SummaryRow) -> str:
+        own = known[hand].get(row.name)
+        return "" if own is None or (run_metrics()[row.name].of_body and own is not row) else own.shown
+
+    columns = [words("", "label"), *(number(hand, partial(shown, hand)) for hand in hands), words("unit")]
+    rows = [first[name] for name in run_metrics() if name in first]
+    return Table([*columns, number("limit", lambda row: row.limit(promises))], rows)
 
 
 def summary_rows(figures: Mapping[str, float], *, of_paper: bool = False) -> tuple[SummaryRow, ...]:
@@ -151,3 +143,30 @@ def default_limits(promises: Collection[str]) -> dict[str, float]:
         for name, metric in judged_metrics().items()
         if metric.judged is not None and metric.judged.limit is not None and promised(name, promises)
     }
+
+
+SESSION_FIGURES: tuple[Figure, ...] = (
+    Figure("ticks", "ticks with a hand"),
+    *(figure for time in SESSION_TIMES for figure in (time, *(MISSED_BY if time.name == "missed" else ()))),
+    Figure("ticks_in_contact", "ticks with candidate pairs"),
+    run_metrics()["candidates_max"],
+    Figure("force_max", "force, most", 2, "N"),
+    Figure("ticks_with_resistance", "ticks that resist a finger"),
+    *(Figure(f"kept_free_{why.name.lower()}", f"ticks with free fingers: {WORDS[why]}") for why in Safety if why.name),
+    run_metrics()["stuck_ticks"],
+    run_metrics()["lag_ticks"],
+    Figure("samples_used", "samples used"),
+    Figure("samples_superseded", "samples that a newer one replaced"),
+    run_metrics()["penetration_max"],
+    *(Figure(f"lost_{ring}", f"{ring} that the recorder lost") for ring in ("ticks", "samples", "events")),
+)
+"""Figures of a session's /summary, in the table's order."""
+
+
+def session_rows(figures: Mapping[str, Any]) -> tuple[SummaryRow, ...]:
+    """Return the table rows of a session's figures by name, SI units; reasons and causes with count 0 are left out."""
+    return tuple(
+        SummaryRow(figure, float(figures[figure.name]))
+        for figure in SESSION_FIGURES
+        if figure.name in figures and (figures[figure.name] or not figure.name.startswith(("kept_free_", "missed_")))
+    )

@@ -1,14 +1,26 @@
-"""Verdict on a run: a word and a few sentences, above its table and at the top of its report."""
+"""Verdict on a run: a word and a few sentences, above its table and at the top of its report.
+
+Figures that a result states are held against those of its ticks, and a session is judged by its faults, too.
+"""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import numpy as np
+
+from hhsim.arrays import AnyArray
 from hhsim.mesh.solidify import ASSUMED_SOLID
+from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.ticks import is_mostly_stuck
-from hhsim.replay.summary_table import SummaryRow, default_limits
-from hhsim.solver.method import PROMISES
-from hhsim.table.verdict import verdict
+from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
+from hhsim.replay.summary_table import SummaryRow, default_limits, stored_promises, summary_rows
+from hhsim.result.reader import Result
+from hhsim.scene.motion_catalogue import of_the_paper
+from hhsim.solver.method import EVERYTHING, PROMISES
+from hhsim.table.verdict import verdict as over_limits
 
 OK, MISSED, UNTOUCHED = "within limits", "limits missed", "nothing touched"
 SHORT, LATE, EMPTY = "cut short", "ticks missed", "no ticks"
@@ -16,6 +28,11 @@ NOT_JUDGED = "depth not judged"
 """Words of verdicts. Missed limits come first, whether a run is cut short or touches nothing."""
 ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or look at its size (--unit, --size)."
 """Advice where nothing touches."""
+
+STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
+"""Remark on the times of a submission."""
+SAME = 1e-9
+"""Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +71,7 @@ def run_verdict(
         for name, limit in default_limits(promises).items()
         if name in figures and math.isfinite(figures[name].value)
     }
-    missed = verdict({name: row.value for name, row in figures.items()}, limits)
+    missed = over_limits({name: row.value for name, row in figures.items()}, limits)
     over = "; ".join(over_limit(figures[name], limits[name]) for name in missed)
     contact, touched = _contact(figures, surface)
     stuck = "stuck_ticks" in figures and is_mostly_stuck(figures["stuck_ticks"].value, ticks)
@@ -114,3 +131,70 @@ def over_limit(row: SummaryRow, limit: float) -> str:
     """Say by how much a figure is over its limit."""
     unit = f" {row.unit}" if row.unit else ""
     return f"{row.label} {row.shown}{unit} (limit {limit / row.figure.scale:g})"
+
+
+def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
+    """Judge a result by its table, as `run_verdict`."""
+    # A tick that never was is in no figure of the ticks.
+    late = int(result.summary.get("missed", 0))
+    repairs = [str(text) for text in result.scene.get("object_repairs") or []]
+    run = rows, stored_promises(result.scene), result.ticks
+    found = run_verdict(*run, complete=result.complete, late=late, repairs=repairs, surface=result.surface)
+    if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
+        remark = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
+        found = replace(found, sentences=(*found.sentences, remark), line=f"{found.line} {remark}")
+    return found if result.live is None else _with_faults(found, result)
+
+
+def _with_faults(found: Verdict, session: Result) -> Verdict:
+    figures = recorded_faults(session).figures
+    over = over_limits(figures, {fault.name: fault.limit for fault in SESSION_FAULTS})
+    if not over:
+        return found
+    faults = (fault for fault in SESSION_FAULTS if fault.name in over)
+    listed = "; ".join(over_limit(SummaryRow(fault, figures[fault.name]), fault.limit) for fault in faults)
+    return replace(
+        found,
+        word=MISSED,
+        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
+        missed=(*found.missed, *over),
+        line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
+    )
+
+
+def read_ticks(result: Result, more: Sequence[str] = ()) -> RunTicks:
+    """Read what the figures need of every tick, and `more` datasets of /tick."""
+    result = result.seen_from_object
+
+    def known(values: AnyArray) -> AnyArray:
+        # What is infinite is no figure either.
+        return np.where(np.isfinite(values), values, np.nan) if values.dtype.kind == "f" else values
+
+    return result_ticks(result, {name: known(result[name]) for name in (*needed_columns(), *more)})
+
+
+class CheckedFigures(NamedTuple):
+    """Figures of a result."""
+
+    rows: tuple[SummaryRow, ...]  # what its replay printed; what the file lacks is computed from its ticks
+    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
+
+
+def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:
+    """Compute the figures of the ticks, and replace them by those of the file."""
+    known = known_figures([what for what in EVERYTHING if result.gives(what)])
+    own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
+    if result.complete and result.live is None:
+        stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
+    of_paper = of_the_paper(result.scene)
+    computed = {row.name: row for row in summary_rows({**stated, **own}, of_paper=of_paper)}
+    rows = summary_rows({**own, **stated}, of_paper=of_paper)
+    wrong = [
+        f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
+        for row in rows
+        # What reads the same is the same, and a last digit may fall either way.
+        if row.shown != computed[row.name].shown
+        and not math.isclose(row.value, computed[row.name].value, rel_tol=SAME, abs_tol=SAME)
+    ]
+    text = f"The file says {'; '.join(wrong)}. hhsim verify looks further." if wrong else ""
+    return CheckedFigures(rows, text)

@@ -17,11 +17,9 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import broken_off
-from hhsim.replay.recorded_verdict import checked_figures, read_ticks, verdict
 from hhsim.replay.run_inputs import unusual_options
-from hhsim.replay.session_table import session_rows
-from hhsim.replay.summary_table import SummaryRow
-from hhsim.replay.verdict import MISSED, OK, Verdict
+from hhsim.replay.summary_table import SummaryRow, session_rows
+from hhsim.replay.verdict import MISSED, OK, Verdict, checked_figures, read_ticks, verdict
 from hhsim.result.reader import Result
 from hhsim.result.wording import cut, motion_name, object_name, option_value
 from hhsim.solver.method import TIMES

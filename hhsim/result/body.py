@@ -1,7 +1,7 @@
 """Bodies of a result: what hands touch, each fixed, driven or free."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,14 +16,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Body of a result; `body["velocity"]` is that dataset of its ticks, in the world."""
+    """Body of a result, to be written or read; `body["velocity"]` is that dataset of its ticks, in the world."""
 
-    result: "Result"  # in the world
-    name: str
     kind: str  # one of `hhsim.result.schema.BODY_KINDS`
-    properties: Mapping[str, Any]  # mass, friction and so on in a scene with a free body; else its joint, if any
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
-    columns: tuple[str, ...]  # names of the datasets of its ticks
+    columns: tuple[str, ...] = ()  # names of the datasets of its ticks, of `BODY_COLUMNS`; none where it stands still
+    # Mass, friction and so on in a scene with a free body; else its joint, if any.
+    properties: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""  # of one that was read
+    read_from: "Result | None" = None  # in the world
+
+    @property
+    def result(self) -> "Result":
+        """Result that it was read from."""
+        assert self.read_from is not None
+        return self.read_from
 
     def __getitem__(self, name: str) -> AnyArray:
         return self.result[f"{BODIES}/{self.name}/{TICK}/{name}"]

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from hhsim.errors import OutputError, UnknownNameError
+from hhsim.result.labelled import SIZES, sizes, tick_columns
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.result.schema import Column
-from hhsim.result.variables import SIZES, sizes, tick_columns
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import begins_with, check_output_path
 from hhsim.system.progress import Progress, silent

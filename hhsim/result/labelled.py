@@ -1,21 +1,40 @@
-"""Labelled variables, values with named axes and a unit, as a data set of xarray or a table of pandas."""
+"""Datasets of a result with named axes and units, as a data set of xarray."""
 
-import itertools
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hhsim.arrays import AnyArray
-from hhsim.errors import InputError
+import numpy as np
+
+from hhsim.arrays import AnyArray, FloatArray
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.result import schema
+from hhsim.result.schema import Column
 
 if TYPE_CHECKING:
-    import pandas
     import xarray
 
-Labels = Mapping[str, Any]
-"""Label of each place along an axis, by the axis's name."""
+    from hhsim.result.reader import Result
+
+SIZES = {
+    "force/size": (Column("force/size", (), "<f8", "N", "size of the total force"), "force/total"),
+    "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
+}
+"""Columns of force magnitudes, summed over phalanges, and the datasets that they are computed from."""
+LABELS: dict[str, Sequence[str]] = {
+    "axis": "xyz",
+    "quaternion": "wxyz",
+    "wrench": ("fx", "fy", "fz", "mx", "my", "mz"),
+    "finger": FINGERS,
+    "phalanx": PHALANX_NAMES,
+    "joint": PHALANX_NAMES,
+    "point": (*PHALANX_NAMES, "tip"),
+}
+"""Labels along the axes of a tick's value."""
+_SHARED = (schema.TIME.name, *(f"{group}/" for group in (schema.BETWEEN, schema.BODIES, schema.CONTACT)))
+"""Beginnings of the names of datasets that are of no hand."""
 
 
 class Variable(NamedTuple):
@@ -25,16 +44,6 @@ class Variable(NamedTuple):
     values: AnyArray
     units: str = "1"
     long_name: str = ""
-
-    def curves(self, labels: Labels) -> Iterator[tuple[tuple[str, ...], AnyArray]]:
-        """Yield each column of the rows, shape (T,), after the labels of its place along the other axes."""
-        shape = self.values.shape
-        flat = self.values.reshape(shape[0], math.prod(shape[1:]))
-        for column, place in enumerate(itertools.product(*map(range, shape[1:]))):
-            yield (
-                tuple(str(labels[axis][k] if axis in labels else k) for axis, k in zip(self.axes[1:], place)),
-                flat[:, column],
-            )
 
 
 def as_dataset(
@@ -48,6 +57,10 @@ def as_dataset(
             left out.
         attributes: Of the data set.
     """
+    try:
+        library = import_module("xarray")
+    except ImportError:
+        raise InputError("xarray is not installed: pip install 'hhsim[xarray]'") from None
     used = {axis for variable in variables.values() for axis in variable.axes}
 
     def taken(value: Any) -> Any:
@@ -62,34 +75,84 @@ def as_dataset(
         if set(value.axes if isinstance(value, Variable) else () if isinstance(value, str) else (name,)) <= used
     }
     made = {name: taken(variable) for name, variable in variables.items()}
-    found: xarray.Dataset = imported("xarray").Dataset(made, kept, dict(attributes))
+    found: xarray.Dataset = library.Dataset(made, kept, dict(attributes))
     return found
 
 
-def as_frame(variables: Mapping[str, Variable], labels: Labels, index: Variable | None) -> "pandas.DataFrame":
-    """Return a pandas DataFrame, a column for each element, such as `force/total[x]`; InputError without pandas.
+def sizes(force: FloatArray) -> FloatArray:
+    """Return magnitudes of forces (T, 3), or of their sums over phalanges (T, fingers, 3, 3) [N]."""
+    return np.asarray(np.linalg.norm(force if force.ndim == 2 else force.sum(axis=2), axis=-1))
 
-    `attrs["units"]` has the unit of each column. The index is the rows' numbers without another.
+
+def tick_columns(result: "Result") -> dict[str, Column]:
+    """Return the columns with a row a tick by the names of their datasets, and those of `SIZES`."""
+    known = {column.name: column for column in schema.TICK_COLUMNS} | {
+        name: column for name, (column, _) in SIZES.items()
+    }
+    if result.other is not None:
+        known |= {column.name: column for column in schema.BETWEEN_COLUMNS if column.name in result}
+    if result.live is not None:
+        known |= _prefixed(schema.LIVE_TICK, schema.LIVE_TICK_COLUMNS)
+    for body in result.bodies.values():
+        of_body = (column for column in schema.BODY_COLUMNS if column.name in body)
+        known |= _prefixed(f"{body.group}/{schema.TICK}", of_body)
+    return known
+
+
+def variables(result: "Result", names: Sequence[str] = ()) -> dict[str, Variable]:
+    """Return datasets by name, or all of those named `GROUP/…`; all that there are for no name.
+
+    The rows are along `time`, `contact` or `sample`; the next axis is `hand` for what each hand of two has.
+
+    Raises:
+        UnknownNameError: No such dataset or group.
     """
-    library = imported("pandas")
-    columns: dict[str, AnyArray] = {}
-    units: dict[str, str] = {}
-    for name, variable in variables.items():
-        for place, values in variable.curves(labels):
-            heading = f"{name}[{','.join(place)}]" if place else name
-            columns[heading], units[heading] = values, variable.units
-    row = next(variable.axes[0] for variable in variables.values())
-    named = library.RangeIndex(len(next(iter(columns.values()))), name=row)
-    found: pandas.DataFrame = library.DataFrame(
-        columns, index=named if index is None else library.Index(index.values, name=row)
-    )
-    found.attrs["units"] = units
+    hands = [result] if result.name else list(result.hands.values())
+    known = {name: ("time", column) for name, column in tick_columns(hands[0]).items()}
+    tables = {"contact": _prefixed(schema.CONTACT, schema.CONTACT_COLUMNS)}
+    if len(hands) == 1 and result.live is not None:
+        tables["sample"] = _prefixed(schema.LIVE_SAMPLE, schema.sample_columns(-1))
+    stored = result.keys()
+    known |= {name: (row, of[name]) for row, of in tables.items() for name in of if name in stored}
+
+    def values(name: str) -> Any:
+        """Return the rows of a dataset, of both hands in a file of two as a whole."""
+        if name.startswith(_SHARED):
+            return result[name]
+        of_hands = [sizes(hand[SIZES[name][1]]) if name in SIZES else hand[name] for hand in hands]
+        return of_hands[0] if result.name else np.stack(of_hands, axis=1)
+
+    found: dict[str, Variable] = {}
+    for word in names or known:
+        inside = [word] if word in known else [name for name in known if name.startswith(f"{word}/")]
+        if not inside:
+            raise UnknownNameError("dataset", word, known)
+        for name in inside:
+            row, column = known[name]
+            of_hand = () if result.name or name.startswith(_SHARED) else ("hand",)
+            found[name] = Variable((row, *of_hand, *_axes(column)), values(name), column.units, column.long_name)
     return found
 
 
-def imported(package: str) -> ModuleType:
-    """Import a package of an extra of the same name; InputError without it."""
-    try:
-        return import_module(package)
-    except ImportError:
-        raise InputError(f"{package} is not installed: pip install 'hhsim[{package}]'") from None
+def coordinates(result: "Result") -> dict[str, Any]:
+    """Return the time, number and phase of each tick, the hand or both, and `LABELS`."""
+    phase = np.zeros(result.ticks, f"U{max((len(phase.name) for phase in result.phases), default=1)}")
+    for one in reversed(result.phases):
+        phase[one.first_tick : one.last_tick + 1] = one.name
+    time = Variable(("time",), result["time"], schema.TIME.units, schema.TIME.long_name)
+    tick = Variable(("time",), np.arange(result.ticks), long_name="number of the tick, from 0")
+    of_ticks = {"time": time, "tick": tick, "phase": Variable(("time",), phase, "")}
+    return {**of_ticks, "hand": result.name or list(result.hands), **{name: list(of) for name, of in LABELS.items()}}
+
+
+def _prefixed(group: str, columns: Any) -> dict[str, Column]:
+    return {f"{group}/{column.name}": replace(column, name=f"{group}/{column.name}") for column in columns}
+
+
+def _axes(column: Column) -> tuple[str, ...]:
+    """Return the axes of a tick's value, named as `LABELS`."""
+    if column.shape == (-1,):
+        return ("channel",)
+    last = {3: "joint" if column.units == "rad" else "axis", 4: "quaternion", 5: "finger", 6: "wrench"}
+    axes = ("finger", "point" if column.shape[1:2] == (4,) else "phalanx")[: max(len(column.shape) - 1, 0)]
+    return (*axes, *(last[size] for size in column.shape[-1:]))

@@ -2,12 +2,12 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import EllipsisType
-from typing import TYPE_CHECKING, Any, SupportsIndex, TypeAlias
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import h5py
 import numpy as np
@@ -19,24 +19,17 @@ from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_
 from hhsim.result import schema
 from hhsim.result.body import Body
 from hhsim.result.contacts import Contacts, known_pairs
-from hhsim.result.labelled import as_dataset, as_frame, imported
-from hhsim.result.plot import plot_curves
-from hhsim.result.variables import coordinates, variables
+from hhsim.result.labelled import as_dataset, coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
 from hhsim.system.input_file import media_kind_of
 from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
-    import pandas
     import xarray
-    from matplotlib.axes import Axes
 
 TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
 """Kind of transformation (`Column.turns`) by dataset."""
-
-View: TypeAlias = Callable[[str, AnyArray, ObjectMotion, ObjectMotion], AnyArray]
-"""Transform rows of a hand's dataset: its name, world values, poses of the frame at these ticks and the first."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -45,8 +38,8 @@ _HINTS = {
 }
 """Hints on files of other formats."""
 
-_TOGETHER = (tuple(f"palm_tree/{name}" for name in schema.TREE_ARRAYS), ("palm_center", "palm_radius"))
-"""Arrays of a hand with one row a sphere."""
+_TREE, _PALM_TREE = (tuple(f"{tree}/{name}" for name in schema.TREE_ARRAYS) for tree in ("tree", "palm_tree"))
+"""Arrays with one row a sphere, of a body and of a hand."""
 
 CHUNK_TICKS = 512
 """Ticks in a chunk of the file, and the best size of a block."""
@@ -55,25 +48,17 @@ _STORED = {"f": "fiu", "i": "iu", "u": "iu", "S": "SO"}
 """Kinds of values accepted in a file, by the kind of the column."""
 
 
-def as_object_sees(name: str, values: AnyArray, moved: RigidMotion) -> AnyArray:
-    """Transform rows (T, ...) of a /tick dataset to the object's frame, which is the world's at the first tick."""
-    transforms = {"point": moved.seen_points, "vector": moved.seen_vectors, "orientation": moved.seen_orientations}
-    return _transformed(name, values, transforms)
+def transformed(name: str, values: AnyArray, moved: RigidMotion, *, seen: bool) -> AnyArray:
+    """Transform rows (T, ...) of a /tick dataset from the object's frame, the world's at the first tick, to the world.
 
-
-def in_the_world(columns: Mapping[str, AnyArray], moved: RigidMotion) -> dict[str, AnyArray]:
-    """Transform datasets by name from the object's frame to the world."""
-    transforms = {"point": moved.points, "vector": moved.vectors, "orientation": moved.orientations}
-    return {name: _transformed(name, values, transforms) for name, values in columns.items()}
-
-
-def _transformed(name: str, values: AnyArray, transforms: Mapping[str, Any]) -> AnyArray:
-    kind = TURNS.get(name, "")
-    if not kind:
+    If they are to be `seen`, from the world to that frame.
+    """
+    kind = TURNS.get(name)
+    if kind is None:
         return values
-    shape = values.shape
-    whole = values if kind == "orientation" else values.reshape(*shape[:-1], -1, 3)
-    return np.ascontiguousarray(transforms[kind](whole).reshape(shape))
+    whole = values if kind == "orientation" else values.reshape(*values.shape[:-1], -1, 3)
+    transform = getattr(moved, f"seen_{kind}s" if seen else f"{kind}s")
+    return np.ascontiguousarray(transform(whole).reshape(values.shape))
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +91,7 @@ class Result:
     repeated: Mapping[str, Any] = field(default_factory=dict)  # `runs`, and mean and std of `times` by name
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
-    view: View | None = field(default=None, compare=False)  # transformation of hands and forces; None: world
+    from_object: bool = False  # True if hands and forces are in that frame as it was at the first tick, not the world
     replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
@@ -174,11 +159,7 @@ class Result:
     @cached_property
     def seen_from_object(self) -> "Result":
         """Result in the frame that its hands were solved in, at the first tick; itself where that stands still."""
-        return self.seen_by(lambda name, values, now, first: as_object_sees(name, values, now.since(*first)))
-
-    def seen_by(self, view: View) -> "Result":
-        """Result as transformed by `view`; itself where the frame stands still."""
-        return replace(self, view=view, _loaded={}) if self.frame and self.view is None else self
+        return replace(self, from_object=True, _loaded={}) if self.frame and not self.from_object else self
 
     def poses(self, group: str, rows: slice = slice(None)) -> ObjectMotion:
         """Read the poses in a group at some ticks, world."""
@@ -203,29 +184,25 @@ class Result:
     def meshes_moved(self, rows: slice | int = slice(None)) -> tuple[RigidMotion, ...]:
         """Motion of each body, from where its mesh is stored to its place at the ticks.
 
-        It is in the view's frame, and empty for a single body that stands still there.
+        It is in the hands' frame, and empty for a single body that stands still there.
         """
         ticks = slice(rows, rows + 1) if isinstance(rows, int) else rows
-        if len(self.bodies) == 1 and (self.view is not None or not self.frame):
+        if len(self.bodies) == 1 and (self.from_object or not self.frame):
             return ()
         moved = tuple(body.moved(ticks) for body in self.bodies.values())
-        if not self.frame or self.view is None:
+        if not self.from_object:
             return moved
         now = self.moved_since_first(ticks)
         return tuple(RigidMotion(now.seen_orientations(one.turn), now.seen_points(one.shift)) for one in moved)
 
-    def _rows(self, file: h5py.File, name: str, rows: slice | int) -> AnyArray:
-        """Read rows of a dataset with a row a tick, in the view's frame."""
+    def _rows(self, file: h5py.File, name: str, rows: slice) -> AnyArray:
+        """Read rows of a dataset with a row a tick, as seen from the object if that is asked for."""
         if name in self.replaced:
             return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
-        if self.view is None or name not in TURNS:
+        if not self.from_object or name not in TURNS:
             return values
-        part = rows if isinstance(rows, slice) else slice(rows, rows + 1)
-        now = self._poses(file, self.frame, part)
-        if isinstance(rows, slice):
-            return self.view(name, values, now, self._first)
-        return np.asarray(self.view(name, np.asarray(values)[None], now, self._first)[0])
+        return transformed(name, values, self._poses(file, self.frame, rows).since(*self._first), seen=True)
 
     def _path_of(self, name: str) -> str:
         """Path in the file of a dataset by its name."""
@@ -296,7 +273,8 @@ class Result:
         if not isinstance(tick, SupportsIndex) or not 0 <= int(tick) < self.ticks:
             raise InputError(f"{self.path} has no tick {tick}: it has {self.ticks:,}, counted from 0")
         with _opened(self.path) as file:
-            return {name: np.asarray(self._rows(file, name, tick)) for name in names}
+            rows = slice(int(tick), int(tick) + 1)
+            return {name: np.asarray(self._rows(file, name, rows)[0]) for name in names}
 
     def _whole_rows(self, dataset: h5py.Dataset) -> int:
         """Number of rows that belong to the ticks: a killed run may have written a block to some datasets only."""
@@ -319,19 +297,17 @@ class Result:
             if skin is None:
                 return None
             for column in schema.SKIN_COLUMNS:
-                _check_dataset(skin, column, column.shape, self.path)
+                _check_dataset(skin, column, column.shape)
             vertices, found = skin["vertices"], np.asarray(skin["faces"], np.int64)
             if len(vertices) < self.ticks or not len(found) or not 0 <= found.min() <= found.max() < vertices.shape[1]:
                 raise InputError(f"{self.path} is damaged: its skin does not fit its ticks or its triangles")
             return found
 
     def skin(self, rows: slice) -> FloatArray:
-        """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the view's frame."""
+        """Read the skin's vertices at some ticks [m], shape (T, V, 3), in the hands' frame."""
         with _opened(self.path) as file:
             found = np.asarray(_finite_numbers(self._skin(file)["vertices"], rows), np.float64)
-        if self.view is None:
-            return found
-        return self.moved_since_first(rows).seen_points(found)
+        return self.moved_since_first(rows).seen_points(found) if self.from_object else found
 
     def _skin(self, file: h5py.File) -> Any:
         return file[schema.HANDS][self.name].get(schema.SKIN)
@@ -348,32 +324,6 @@ class Result:
         }
         stated |= {"method": self.method, "surface": self.surface, "hhsim_version": self.hhsim_version}
         return as_dataset({name: found[name] for name in found if name != "time"}, coordinates(self), stated)
-
-    def to_pandas(self, names: Sequence[str] = ()) -> "pandas.DataFrame":
-        """Return datasets and groups by name as a pandas DataFrame, a column an element: `force/total[x]`.
-
-        The index is the time [s], and `phase` a column; without names it has all that has a row a tick. Names of
-        `contact` or `live/sample` give a row for each of these. `attrs["units"]` has the unit of each column.
-        Raises UnknownNameError for no such name, InputError for datasets of different rows, or without pandas.
-        """
-        found = {name: variable for name, variable in variables(self, names).items() if name != "time"}
-        if not names:
-            found = {name: variable for name, variable in found.items() if variable.axes[0] == "time"}
-        if len({variable.axes[0] for variable in found.values()}) != 1:
-            raise InputError(f"{', '.join(names)} are no datasets with the same rows: expected those of one table")
-        given = coordinates(self)
-        of_ticks = next(iter(found.values())).axes[0] == "time"
-        frame = as_frame(found, {**given, "hand": list(self.hands)}, given["time"] if of_ticks else None)
-        if of_ticks:
-            frame.insert(0, "phase", imported("pandas").Categorical(given["phase"].values))
-        return frame
-
-    def plot(self, name: str = "force", ax: "Axes | None" = None) -> "Axes":
-        """Draw every element of a dataset, or of a group of one unit, over time; return the axes of matplotlib.
-
-        Without `ax`, it is a figure of pyplot's, which a notebook shows. Errors as `hhsim.result.plot.plot_curves`.
-        """
-        return plot_curves(self, name, ax)
 
     def phase_at(self, tick: int) -> str:
         """Name of the phase of a tick; "" for none."""
@@ -397,13 +347,15 @@ def load_result(path: str | Path) -> Result:
     with _opened(path) as file:
         _check_format(file, path)
         names = [side for side in SIDES if side in file[schema.HANDS]]
-        if not names:
-            raise DamagedFileError("damaged: it has no hand")
-        columns, ticks = _checked_tables(file, names, path)
+        named = [str(name) for name in json.loads(str(file[schema.BODIES].attrs["names"]))]
+        if not names or not named:
+            raise DamagedFileError(f"damaged: it has no {'body' if names else 'hand'}")
+        for table, columns in _tables(file, names, named).items():
+            for column in columns:
+                _check_dataset(file.get(table, {}), column, (-1, *column.shape))
         attributes, summary = file.attrs, file[schema.SUMMARY]
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
-        if attributes["complete"]:
-            _require_equal_rows(file, path)
+        ticks = _ticks(file)
         # Filled below: each hand and each body needs the result that it is a part of.
         hands: dict[str, Result] = {}
         bodies: dict[str, Body] = {}
@@ -417,20 +369,20 @@ def load_result(path: str | Path) -> Result:
             scene=_Stated(common, path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=tuple(phase for phase in read_phases(file) if phase.first_tick < ticks),
+            phases=tuple(phase for phase in _phases(file) if phase.first_tick < ticks),
             summary=_attributes(summary),
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
             git_dirty=dirty if isinstance(dirty, str) else bool(dirty),
             repeated=_mapping(attributes.get("repeated", "{}")),
             score=_mapping(attributes.get("score", "{}")),
-            frame=_moving_frame(file),
+            frame=_moving_frame(file, named),
             hands=hands,
             bodies=bodies,
         )
         for name in names:
             group = file[schema.HANDS][name]
-            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.HAND_STATIC}
+            static = _static(group, schema.HAND_STATIC, _PALM_TREE, ("palm_center", "palm_radius"))
             hands[name] = replace(
                 whole,
                 name=name,
@@ -441,13 +393,14 @@ def load_result(path: str | Path) -> Result:
                 _loaded={},
             )
         found = hands[names[0]] if len(names) == 1 else whole
-        for body in _body_names(file):
+        for body in named:
             group = file[schema.BODIES][body]
-            static = {column.name: _frozen(_finite_numbers(group[column.name])) for column in schema.BODY_STATIC}
-            stated = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
-            if stated[0] not in _kinds(columns[body]):
-                raise InputError(f"{path} is damaged: body '{body}' does not move as its kind, {stated[0]}, says")
-            bodies[body] = Body(found, body, *stated, static, columns[body])
+            kind, properties = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
+            own = tuple(group.get(schema.TICK, ()))
+            kinds = ("fixed", "free") if "velocity" in own else ("fixed", "driven")
+            if kind not in (("driven",) if "recorded_position" in own else kinds):
+                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
+            bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
         return found
 
 
@@ -461,75 +414,60 @@ def load_hand(path: str | Path, side: str = "") -> Result:
     return found.hands[side or found.name]
 
 
-def _body_names(file: h5py.File) -> list[str]:
-    names = [str(name) for name in json.loads(str(file[schema.BODIES].attrs["names"]))]
-    if not names:
-        raise DamagedFileError("damaged: it has no body")
-    return names
+def _tables(file: h5py.File, hands: Sequence[str], bodies: Sequence[str]) -> dict[str, Sequence[schema.Column]]:
+    """Return the groups whose datasets have rows, each with the columns that it has to have."""
+    known = {column.name: column for column in schema.BODY_COLUMNS}
+    tables: dict[str, Sequence[schema.Column]] = {}
+    for name in hands:
+        tables[f"{schema.HANDS}/{name}/{schema.TICK}"] = schema.hand_columns()
+        if schema.LIVE in file[schema.HANDS][name]:
+            tables[f"{schema.HANDS}/{name}/{schema.LIVE_TICK}"] = schema.LIVE_TICK_COLUMNS
+    tables[schema.TICK] = (schema.TIME,)
+    for group in (schema.FRAME, *(f"{schema.BODIES}/{name}/{schema.TICK}" for name in bodies)):
+        if group in file:
+            tables[group] = (*schema.POSE_COLUMNS, *(known[name] for name in file[group]))
+    if schema.CONTACT in file:
+        tables[schema.CONTACT] = schema.CONTACT_COLUMNS
+    return tables
 
 
-def _kinds(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the kinds of bodies whose ticks may have these columns."""
-    if "recorded_position" in columns:
-        return ("driven",)
-    return ("fixed", "free") if "velocity" in columns else ("fixed", "driven")
+def _ticks(file: h5py.File) -> int:
+    """Return the number of ticks that every dataset has.
+
+    Raises DamagedFileError for columns of a table of a complete file that are not of one length.
+    """
+    tables: dict[str, dict[str, int]] = {schema.TICK: {}}
+    for name in _dataset_names(file):
+        group = name.rpartition("/")[0]
+        if schema.TICK in group.split("/"):
+            tables[schema.TICK][name] = len(file[name])
+        elif schema.LIVE in group.split("/") or group == schema.CONTACT:
+            tables.setdefault(group, {})[name] = len(file[name])
+    for rows in tables.values() if file.attrs["complete"] else ():
+        least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
+        if rows[least] != rows[most]:
+            raise DamagedFileError(f"damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
+    return min(tables[schema.TICK].values())
 
 
-def _moving_frame(file: h5py.File) -> str:
+def _static(group: h5py.Group, columns: Sequence[schema.Column], *together: Sequence[str]) -> dict[str, AnyArray]:
+    """Read arrays that do not change with time; DamagedFileError for those `together` of different lengths."""
+    for column in columns:
+        _check_dataset(group, column, column.shape)
+    for names in together:
+        if len({len(group[name]) for name in names}) > 1:
+            raise DamagedFileError(f"damaged: {' and '.join(names)} are not of the same length")
+    return {column.name: _frozen(_finite_numbers(group[column.name])) for column in columns}
+
+
+def _moving_frame(file: h5py.File, bodies: Sequence[str]) -> str:
     """Group of the poses of the frame that hands were solved in; "" where it stands still."""
     if schema.FRAME in file:
         return schema.FRAME
-    first, *others = _body_names(file)
-    group = f"{schema.BODIES}/{first}"
+    group = file[schema.BODIES][bodies[0]]
     # Several bodies without a free one are in the frame that carries all of them, or in the world.
-    moves = schema.TICK in file[group] and (not others or file[group].attrs["kind"] == "free")
-    return f"{group}/{schema.TICK}" if moves else ""
-
-
-def _checked_tables(file: h5py.File, names: Sequence[str], path: Path) -> tuple[dict[str, tuple[str, ...]], int]:
-    """Check all datasets; return the columns of each body's ticks, and the number of ticks that all have."""
-    shared: list[h5py.Dataset] = []
-    for name in names:
-        group = file[schema.HANDS][name]
-        for column in schema.hand_columns():
-            _check_dataset(group.get(schema.TICK, {}), column, (-1, *column.shape), path)
-            shared.append(group[schema.TICK][column.name])
-        for column in schema.HAND_STATIC:
-            _check_dataset(group, column, column.shape, path)
-        _check_together(group, _TOGETHER, path)
-        if schema.LIVE_TICK in group:
-            shared += [group[schema.LIVE_TICK][column.name] for column in schema.LIVE_TICK_COLUMNS]
-    columns: dict[str, tuple[str, ...]] = {}
-    for column in (schema.TIME, *_of_frame(file)):
-        _check_dataset(file.get(schema.TICK, {}), column, (-1, *column.shape), path)
-        shared.append(file[schema.TICK][column.name])
-    known = {column.name: column for column in schema.BODY_COLUMNS}
-    for name in _body_names(file):
-        group = file[schema.BODIES][name]
-        for column in schema.BODY_STATIC:
-            _check_dataset(group, column, column.shape, path)
-        _check_together(group, (tuple(f"tree/{of}" for of in schema.TREE_ARRAYS),), path)
-        needed = group.get(schema.TICK, {})
-        columns[name] = tuple(needed)
-        for column in [*(schema.POSE_COLUMNS if schema.TICK in group else ()), *(known[of] for of in needed)]:
-            _check_dataset(needed, column, (-1, *column.shape), path)
-            shared.append(needed[column.name])
-    for column in schema.CONTACT_COLUMNS if schema.CONTACT in file else ():
-        _check_dataset(file[schema.CONTACT], column, (-1, *column.shape), path)
-    return columns, min(map(len, shared))
-
-
-def _of_frame(file: h5py.File) -> list[schema.Column]:
-    if schema.FRAME not in file:
-        return []
-    return [replace(column, name=f"frame/{column.name}") for column in schema.POSE_COLUMNS]
-
-
-def _check_together(group: h5py.Group, tables: Sequence[Sequence[str]], path: Path) -> None:
-    """Raise InputError for arrays of one table that are not of one length."""
-    for names in tables:
-        if len({len(group[name]) for name in names}) > 1:
-            raise InputError(f"{path} is damaged: {' and '.join(names)} are not of the same length")
+    moves = schema.TICK in group and (len(bodies) == 1 or group.attrs["kind"] == "free")
+    return f"{schema.BODIES}/{bodies[0]}/{schema.TICK}" if moves else ""
 
 
 class _Stated(dict[str, Any]):
@@ -611,7 +549,7 @@ def check_result_path(path: Path) -> None:
         raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
 
 
-def read_phases(file: h5py.File) -> Iterator[TickPhase]:
+def _phases(file: h5py.File) -> Iterator[TickPhase]:
     """Yield the phases in a file of ticks."""
     group = file["phase"]
     for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
@@ -652,34 +590,14 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise InputError(f"{path} {schema.wrong_schema(version)}")
 
 
-def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...], path: Path) -> None:
+def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...]) -> None:
     dataset = group.get(column.name)
     if dataset is None:
-        raise InputError(f"{path} is damaged or no result file: it lacks the dataset {column.name}")
+        raise DamagedFileError(f"damaged or no result file: it lacks the dataset {column.name}")
     if not fits(dataset.shape, shape):
-        raise InputError(f"{path}: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
+        raise DamagedFileError(f"damaged: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
     if dataset.dtype.kind not in _STORED[np.dtype(column.dtype).kind]:
-        raise InputError(f"{path}: {column.name} holds {dataset.dtype}, expected {column.dtype}")
-
-
-def _require_equal_rows(file: h5py.File, path: Path) -> None:
-    """Raise InputError for columns of a table that are not of one length, as they are after a run that was killed."""
-    tables: dict[str, list[str]] = {schema.TICK: []}
-    for name in _dataset_names(file):
-        group = name.rpartition("/")[0]
-        within = group.split("/")
-        if schema.TICK in within:
-            table = schema.TICK
-        elif schema.LIVE in within or group == schema.CONTACT:
-            table = group
-        else:
-            continue
-        tables.setdefault(table, []).append(name)
-    for names in tables.values():
-        rows = {name: len(file[name]) for name in names}
-        if len(set(rows.values())) > 1:
-            least, most = (end(rows, key=rows.__getitem__) for end in (min, max))
-            raise InputError(f"{path} is damaged: {least} has {rows[least]:,} rows, {most} {rows[most]:,}")
+        raise DamagedFileError(f"damaged: {column.name} holds {dataset.dtype}, expected {column.dtype}")
 
 
 def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:

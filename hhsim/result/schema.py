@@ -4,9 +4,10 @@ A change raises `SCHEMA_VERSION`, and files of another schema are refused.
 A result holds all that a run needs, so that it can be run again from nothing else (`hhsim.replay.repeat`).
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,94 +42,15 @@ LIVE_EVENT = "live/event"
 """Tables of a session: one row a tick; one a sample of the glove; one a line of the log."""
 
 
-class TickField(NamedTuple):
-    """Field of a tick's record, as the solver and the loop of a session hand it over."""
-
-    name: str
-    type: str = "<i8"
-    shape: tuple[int, ...] = ()  # of a tick's value
-    parts: tuple[str, ...] = ()  # names of the entries that become columns of their own
-
-
-LOOP_FIELDS = (
-    *map(TickField, ("tick", "time_ns", "early_ns", "wakeup_ns", "latency_ns", "missed", "at_once", "input_seq")),
-    *map(TickField, ("safety", "cause")),
-    TickField("taken", shape=(5,), parts=("computed", "kept", "run_delay", "steal", "device")),
-)
-"""Fields that a session's loop sets before a tick is solved, explained in `LIVE_TICK_COLUMNS`."""
-HAPTIC_FIELDS = (
-    TickField("haptic_position", "<f8", (3,)),
-    TickField("haptic_orientation", "<f8", (4,)),
-    TickField("haptic_flexion", "<f8", (5, 3)),
-    TickField("haptic_abduction", "<f8", (5,)),
-)
-"""Input of the solver."""
-SOLVER_FIELDS = (
-    TickField("status"),
-    TickField("position", "<f8", (3,)),
-    TickField("orientation", "<f8", (4,)),
-    TickField("flexion", "<f8", (5, 3)),
-    TickField("abduction", "<f8", (5,)),
-    TickField("joints", "<f8", (5, 4, 3)),
-    TickField("phalanx", "<f8", (5, 3, 3)),
-    TickField("fingertip_normal", "<f8", (5, 3)),
-    TickField("palm_wrench", "<f8", (6,)),
-    TickField("total", "<f8", (3,)),
-    TickField("duration", shape=(4,), parts=("detect", "palm", "fingers", "force")),
-    TickField("duration_total"),
-    TickField("duration_cpu"),
-    TickField(
-        "work",
-        shape=(10,),
-        parts=(
-            *("node_tests", "pair_tests", "gathers", "linearisations", "qp_iterations"),
-            *("candidates", "touching", "rows", "bodies", "units"),
-        ),
+PARTS = {
+    "taken": ("computed", "kept", "run_delay", "steal", "device"),
+    "duration": ("detect", "palm", "fingers", "force"),
+    "work": (
+        *("node_tests", "pair_tests", "gathers", "linearisations", "qp_iterations"),
+        *("candidates", "touching", "rows", "bodies", "units"),
     ),
-    TickField("lag", "<f8"),
-)
-"""Output of the solver, the fields of `hhsim.kernels.tick.block.TickRecord` in their order."""
-COMMAND_FIELDS = (TickField("command_bend", "<f8", (5,)), TickField("command_stiffness", "<f8", (5,)))
-"""Commands to the glove."""
-OBJECT_FIELDS = (
-    TickField("turn", "<f8", (4,)),
-    *(TickField(name, "<f8", (3,)) for name in ("shift", "velocity", "angular_velocity")),
-    *(TickField(name, "<f8", (6,)) for name in ("hand_wrench", "table_wrench")),
-    *(TickField(name, "<f8") for name in ("table_distance", "friction_residual")),
-    TickField("contact", shape=(2,)),
-    TickField("body", shape=(64,)),
-    TickField("point", "<f8", (64, 3)),
-    TickField("normal", "<f8", (64, 3)),
-    TickField("normal_force", "<f8", (64,)),
-    TickField("friction_force", "<f8", (64, 3)),
-    TickField("torsional_moment", "<f8", (64,)),
-    TickField("slip", "<f8", (64,)),
-)
-"""Output for a free object, the fields of `hhsim.kernels.world.record.ObjectRecord` in their order."""
-PAIR_FIELDS = (TickField("contact_body", shape=(64,)), TickField("other_point", "<f8", (64, 3)))
-"""Output for the contacts of several bodies: the body of each, and its point on the other body [m], world."""
-WRENCH_OF_BODIES = TickField("body_wrench", "<f8", (6,))
-"""Force [N] of the other bodies on one, and moment [N·m] about its centre, world."""
-
-
-def record_dtype(*fields: TickField) -> np.dtype[Any]:
-    """Return the dtype of records of these fields."""
-    return np.dtype([(field.name, field.type, field.shape) for field in fields], align=True)
-
-
-def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`."""
-    first = [field.name for field in OBJECT_FIELDS].index("contact")
-    moving = [field._replace(shape=(bodies, 1, *field.shape)) for field in (*OBJECT_FIELDS[:first], WRENCH_OF_BODIES)]
-    rows = [*OBJECT_FIELDS[first + 1 :], *PAIR_FIELDS]
-    if bodies == 0:
-        rows = [field._replace(shape=(0, *field.shape[1:])) for field in rows]
-    return record_dtype(*moving, OBJECT_FIELDS[first], *rows)
-
-
-TICK_FIELDS = (*LOOP_FIELDS, SOLVER_FIELDS[0], *HAPTIC_FIELDS, *SOLVER_FIELDS[1:], *COMMAND_FIELDS)
-"""Record of a session's tick, in the order of the ring's fields."""
-_PARTS = {field.name: field.parts for field in TICK_FIELDS}
+}
+"""Names of the entries of a record's field that become columns of their own."""
 
 
 @dataclass(frozen=True)
@@ -143,8 +65,13 @@ class Column:
     long_name: str  # description for people
     # field of the record that it is taken from, as `field` or as `field.part`; "" where it is computed
     source: str = ""
-    # transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""
-    turns: str = ""
+
+    @property
+    def turns(self) -> str:
+        """Transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""."""
+        if self.name.startswith("force/"):
+            return "vector"
+        return {"position": "point", "joints": "point", "orientation": "orientation"}.get(self.name.split("/")[-1], "")
 
     @property
     def known_by(self) -> str:
@@ -155,7 +82,7 @@ class Column:
         """Rows of the column from the fields of records by name; first axis the record."""
         field, _, part = self.source.partition(".")
         values = record[field]
-        return values[:, _PARTS[field].index(part)] if part else values
+        return values[:, PARTS[field].index(part)] if part else values
 
 
 _KNOWN_BY = {
@@ -169,78 +96,74 @@ _KNOWN_BY = {
 """Datasets, by the begin of their names, that only some methods give."""
 
 
-def _hand(of: str, whose: str, field: str) -> tuple[Column, ...]:
-    columns = (
-        Column("position", (3,), "<f8", "m", f"palm centre of the {whose} hand, world", turns="point"),
-        Column(
-            *("orientation", (4,), "<f8", "1"),
-            f"palm orientation of the {whose} hand, unit quaternion w x y z",
-            turns="orientation",
-        ),
-        Column("flexion", (5, 3), "<f8", "rad", f"flexion of the {whose} hand, finger by joint, positive curls"),
-        Column("abduction", (5,), "<f8", "rad", f"abduction of the {whose} hand, positive towards the thumb side"),
-    )
-    return tuple(replace(column, name=f"{of}/{column.name}", source=f"{field}{column.name}") for column in columns)
+def _columns(table: str) -> tuple[Column, ...]:
+    """Return the columns of a table, a line each: name, shape (n: any size), type, unit, meaning, and source if any.
+
+    A line that is indented further goes on with the one before.
+    """
+    found: list[Column] = []
+    for line in re.sub(r"\n {5,}", " ", table).strip().splitlines():
+        name, size, kind, units, long_name, *source = (part.strip() for part in line.split("|"))
+        shape = () if size == "1" else tuple(-1 if each == "n" else int(each) for each in size.split())
+        dtype = kind if kind.startswith("S") else f"{'|' if kind == 'u1' else '<'}{kind}"
+        found.append(Column(name, shape, dtype, units, long_name, *source))
+    return tuple(found)
 
 
-TICK_COLUMNS: tuple[Column, ...] = (
-    Column("time", (), "<f8", "s", "time of the tick since the start of the trajectory"),
-    Column("input_seq", (), "<i8", "1", "number of the input sample that the tick used, from 0", "input_seq"),
-    Column(
-        *("status", (), "<i4", "1"),
-        "0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16 full, 32 abduction held, 64 no place, "
-        "128 snap",
-        "status",
-    ),
-    Column("lag", (), "<f8", "m", "distance that the hand still had to go when the tick's budget ended", "lag"),
-    *_hand("haptic", "haptic (measured)", "haptic_"),
-    *_hand("graphic", "graphic (shown)", ""),
-    Column(
-        *("graphic/joints", (5, 4, 3), "<f8", "m"),
-        *("joint and tip positions of the graphic hand, proximal first, world", "joints", "point"),
-    ),
-    Column("penetration_depth", (), "<f8", "m", "deepest penetration of any hand body into any object leaf sphere"),
-    Column("penetration_palm", (), "<f8", "m", "deepest penetration of the palm"),
-    Column("penetration_finger", (5,), "<f8", "m", "deepest penetration of each finger; NaN: not modelled"),
-    Column(
-        *("force/phalanx", (5, 3, 3), "<f8", "N"),
-        *("contact force on each phalanx, finger by phalanx, world", "phalanx", "vector"),
-    ),
-    Column(
-        *("force/fingertip_normal", (5, 3), "<f8", "N"),
-        *("normal force at each fingertip, world", "fingertip_normal", "vector"),
-    ),
-    Column(
-        *("force/palm_wrench", (6,), "<f8", "N,N·m"),
-        "coupling force (first three) and moment about the palm centre (Eq. 1), world; of method paper that of each "
-        "Euler angle of the palm",
-        *("palm_wrench", "vector"),
-    ),
-    Column("force/total", (3,), "<f8", "N", "sum of all contact forces on the hand, world", "total", "vector"),
-    Column("force_variation_rate", (), "<f8", "%", "one-tick change of the total force's size; NaN below 0.01 N"),
-    Column("force_variation_finger", (5,), "<f8", "%", "one-tick change of each finger's force size; NaN below 0.01 N"),
-    Column("duration/detect", (), "<i8", "ns", "wall time of contact detection", "duration.detect"),
-    Column(
-        *("duration/palm", (), "<i8", "ns"),
-        "time of the palm's (or whole hand's) optimisation; of a method from outside, what it reports",
-        "duration.palm",
-    ),
-    Column("duration/fingers", (), "<i8", "ns", "wall time of the fingers' optimisation", "duration.fingers"),
-    Column("duration/force", (), "<i8", "ns", "wall time of the forces", "duration.force"),
-    Column("duration/total", (), "<i8", "ns", "wall time of the whole tick", "duration_total"),
-    Column("duration/total_cpu", (), "<i8", "ns", "CPU time of the whole tick, of all its threads", "duration_cpu"),
-    Column("contacts/candidates", (), "<i8", "1", "candidate pairs: within the margin", "work.candidates"),
-    Column("contacts/touching", (), "<i8", "1", "pairs within 10 µm of each other after the tick", "work.touching"),
-    Column("work/node_tests", (), "<i8", "1", "sphere-tree nodes tested", "work.node_tests"),
-    Column(
-        "work/pair_tests", (), "<i8", "1", "exact distances between a hand body and a leaf sphere", "work.pair_tests"
-    ),
-    Column("work/qp_iterations", (), "<i8", "1", "active-set changes, all problems of the tick", "work.qp_iterations"),
-    Column("work/linearisations", (), "<i8", "1", "times that the contacts were linearised", "work.linearisations"),
-    Column("work/rows", (), "<i8", "1", "most contacts in a program, those that others imply left out", "work.rows"),
-    Column("work/bodies", (), "<i8", "1", "most hand bodies, of 16, within the margin of the object", "work.bodies"),
-    Column("work/units", (), "<i8", "1", "work of the tick, weighted; about a nanosecond each", "work.units"),
-)
+TICK_COLUMNS = _columns("""
+    time                   | 1     | f8 | s     | time of the tick since the start of the trajectory
+    input_seq              | 1     | i8 | 1     | number of the input sample that the tick used, from 0 | input_seq
+    status                 | 1     | i4 | 1     | 0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16
+        full, 32 abduction held, 64 no place, 128 snap | status
+    lag                    | 1     | f8 | m     | distance that the hand still had to go when the tick's budget ended
+        | lag
+    haptic/position        | 3     | f8 | m     | palm centre of the haptic (measured) hand, world | haptic_position
+    haptic/orientation     | 4     | f8 | 1     | palm orientation of the haptic (measured) hand, unit quaternion w x y
+        z | haptic_orientation
+    haptic/flexion         | 5 3   | f8 | rad   | flexion of the haptic (measured) hand, finger by joint, positive
+        curls | haptic_flexion
+    haptic/abduction       | 5     | f8 | rad   | abduction of the haptic (measured) hand, positive towards the thumb
+        side | haptic_abduction
+    graphic/position       | 3     | f8 | m     | palm centre of the graphic (shown) hand, world | position
+    graphic/orientation    | 4     | f8 | 1     | palm orientation of the graphic (shown) hand, unit quaternion w x y z
+        | orientation
+    graphic/flexion        | 5 3   | f8 | rad   | flexion of the graphic (shown) hand, finger by joint, positive curls
+        | flexion
+    graphic/abduction      | 5     | f8 | rad   | abduction of the graphic (shown) hand, positive towards the thumb
+        side | abduction
+    graphic/joints         | 5 4 3 | f8 | m     | joint and tip positions of the graphic hand, proximal first, world
+        | joints
+    penetration_depth      | 1     | f8 | m     | deepest penetration of any hand body into any object leaf sphere
+    penetration_palm       | 1     | f8 | m     | deepest penetration of the palm
+    penetration_finger     | 5     | f8 | m     | deepest penetration of each finger; NaN: not modelled
+    force/phalanx          | 5 3 3 | f8 | N     | contact force on each phalanx, finger by phalanx, world | phalanx
+    force/fingertip_normal | 5 3   | f8 | N     | normal force at each fingertip, world | fingertip_normal
+    force/palm_wrench      | 6     | f8 | N,N·m | coupling force (first three) and moment about the palm centre (Eq.
+        1), world; of method paper that of each Euler angle of the palm
+        | palm_wrench
+    force/total            | 3     | f8 | N     | sum of all contact forces on the hand, world | total
+    force_variation_rate   | 1     | f8 | %     | one-tick change of the total force's size; NaN below 0.01 N
+    force_variation_finger | 5     | f8 | %     | one-tick change of each finger's force size; NaN below 0.01 N
+    duration/detect        | 1     | i8 | ns    | wall time of contact detection | duration.detect
+    duration/palm          | 1     | i8 | ns    | time of the palm's (or whole hand's) optimisation; of a method from
+        outside, what it reports | duration.palm
+    duration/fingers       | 1     | i8 | ns    | wall time of the fingers' optimisation | duration.fingers
+    duration/force         | 1     | i8 | ns    | wall time of the forces | duration.force
+    duration/total         | 1     | i8 | ns    | wall time of the whole tick | duration_total
+    duration/total_cpu     | 1     | i8 | ns    | CPU time of the whole tick, of all its threads | duration_cpu
+    contacts/candidates    | 1     | i8 | 1     | candidate pairs: within the margin | work.candidates
+    contacts/touching      | 1     | i8 | 1     | pairs within 10 µm of each other after the tick | work.touching
+    work/node_tests        | 1     | i8 | 1     | sphere-tree nodes tested | work.node_tests
+    work/pair_tests        | 1     | i8 | 1     | exact distances between a hand body and a leaf sphere
+        | work.pair_tests
+    work/qp_iterations     | 1     | i8 | 1     | active-set changes, all problems of the tick | work.qp_iterations
+    work/linearisations    | 1     | i8 | 1     | times that the contacts were linearised | work.linearisations
+    work/rows              | 1     | i8 | 1     | most contacts in a program, those that others imply left out
+        | work.rows
+    work/bodies            | 1     | i8 | 1     | most hand bodies, of 16, within the margin of the object
+        | work.bodies
+    work/units             | 1     | i8 | 1     | work of the tick, weighted; about a nanosecond each | work.units
+""")
 """Datasets of a hand at the ticks: the time under /tick, the others under its own `tick`."""
 TIME = TICK_COLUMNS[0]
 
@@ -250,50 +173,41 @@ def hand_columns() -> tuple[Column, ...]:
     return TICK_COLUMNS[1:]
 
 
-BETWEEN_COLUMNS: tuple[Column, ...] = (
-    Column("between/haptic", (), "<f8", "m", "least signed distance of the two haptic hands, negative inside"),
-    Column("between/graphic", (), "<f8", "m", "least signed distance of the two graphic hands, negative inside"),
-)
+BETWEEN_COLUMNS = _columns("""
+    between/haptic  | 1 | f8 | m | least signed distance of the two haptic hands, negative inside
+    between/graphic | 1 | f8 | m | least signed distance of the two graphic hands, negative inside
+""")
 """Datasets under /tick of two hands."""
 
-POSE_COLUMNS: tuple[Column, ...] = (
-    Column("position", (3,), "<f8", "m", "origin of the body's own frame at the tick, world"),
-    Column("orientation", (4,), "<f8", "1", "body to world at the tick, unit quaternion w x y z"),
-)
+POSE_COLUMNS = _columns("""
+    position    | 3 | f8 | m | origin of the body's own frame at the tick, world
+    orientation | 4 | f8 | 1 | body to world at the tick, unit quaternion w x y z
+""")
 """Datasets under the `tick` of a body that moves."""
 
-MOTION_COLUMNS: tuple[Column, ...] = (
-    Column("velocity", (3,), "<f8", "m/s", "velocity of the body's centre of mass, world", "velocity"),
-    Column("angular_velocity", (3,), "<f8", "rad/s", "angular velocity of the body, world", "angular_velocity"),
-    Column(
-        *("hand_wrench", (6,), "<f8", "N,N·m"),
-        "force of the hands on the body (first three) and moment about its centre of mass, world",
-        "hand_wrench",
-    ),
-    Column("table_wrench", (6,), "<f8", "N,N·m", "the same of the table", "table_wrench"),
-)
+MOTION_COLUMNS = _columns("""
+    velocity         | 3 | f8 | m/s   | velocity of the body's centre of mass, world | velocity
+    angular_velocity | 3 | f8 | rad/s | angular velocity of the body, world | angular_velocity
+    hand_wrench      | 6 | f8 | N,N·m | force of the hands on the body (first three) and moment about its centre of
+        mass, world | hand_wrench
+    table_wrench     | 6 | f8 | N,N·m | the same of the table | table_wrench
+""")
 """Further ones of a body in a scene with free bodies."""
 OF_BODIES = Column("body_wrench", (6,), "<f8", "N,N·m", "the same of the other bodies")
 """Further one of each where there are several."""
-FREE_COLUMNS: tuple[Column, ...] = (
-    Column(
-        *("table_distance", (), "<f8", "m"),
-        *("lowest point of the body above the table, negative inside; infinite without a table", "table_distance"),
-    ),
-    Column(
-        *("friction_residual", (), "<f8", "m"),
-        "how far the slip that friction was balanced against is off the slip made, the worst contact of all bodies: μ "
-        "times its way",
-        "friction_residual",
-    ),
-)
+FREE_COLUMNS = _columns("""
+    table_distance    | 1 | f8 | m | lowest point of the body above the table, negative inside; infinite without a
+        table | table_distance
+    friction_residual | 1 | f8 | m | how far the slip that friction was balanced against is off the slip made, the
+        worst contact of all bodies: μ times its way | friction_residual
+""")
 """Further ones of the first body, if it is free."""
 JOINT_COLUMN = Column("joint", (), "<f8", "rad,m", "value of the joint that the body hangs on: of a hinge, of a slider")
 """Further one of a driven body on a joint."""
-DRIVEN_COLUMNS: tuple[Column, ...] = (
-    Column("recorded_orientation", (4,), "<f8", "1", "orientation that the body is driven to, unit quaternion w x y z"),
-    Column("recorded_position", (3,), "<f8", "m", "position that the body is driven to, of its frame's origin, world"),
-)
+DRIVEN_COLUMNS = _columns("""
+    recorded_orientation | 4 | f8 | 1 | orientation that the body is driven to, unit quaternion w x y z
+    recorded_position    | 3 | f8 | m | position that the body is driven to, of its frame's origin, world
+""")
 """Further ones of a driven body beside a free one."""
 BODY_COLUMNS = (*POSE_COLUMNS, *MOTION_COLUMNS, OF_BODIES, *FREE_COLUMNS, JOINT_COLUMN, *DRIVEN_COLUMNS)
 """All that the ticks of a body may have."""
@@ -304,132 +218,179 @@ HAND_BODIES = 16
 """Bodies of a hand among those of contacts: 15 phalanges, finger by finger, and the palm."""
 TABLE = "table"
 
-CONTACT_COLUMNS: tuple[Column, ...] = (
-    Column("tick", (), "<i8", "1", "tick that the contact bears a force in, from 0"),
-    Column("a", (), "<i4", "1", "body on which the stated forces are, by its place in the attribute names"),
-    Column("b", (), "<i4", "1", "body that exerts them, likewise"),
-    Column("point", (3,), "<f8", "m", "where it touches, world", "point"),
-    Column("normal", (3,), "<f8", "1", "unit, from b to a, world", "normal"),
-    Column("normal_force", (), "<f8", "N", "along the normal, on a", "normal_force"),
-    Column("friction_force", (3,), "<f8", "N", "along the surface, on a, world", "friction_force"),
-    Column("torsional_moment", (), "<f8", "N·m", "about the normal, on a", "torsional_moment"),
-    Column("slip", (), "<f8", "m", "way along the surface in this tick", "slip"),
-    Column("sticks", (), "|u1", "1", "1 where it slips by no more than 1 nm in the tick"),
-)
+CONTACT_COLUMNS = _columns("""
+    tick             | 1 | i8 | 1   | tick that the contact bears a force in, from 0
+    a                | 1 | i4 | 1   | body on which the stated forces are, by its place in the attribute names
+    b                | 1 | i4 | 1   | body that exerts them, likewise
+    point            | 3 | f8 | m   | where it touches, world | point
+    normal           | 3 | f8 | 1   | unit, from b to a, world | normal
+    normal_force     | 1 | f8 | N   | along the normal, on a | normal_force
+    friction_force   | 3 | f8 | N   | along the surface, on a, world | friction_force
+    torsional_moment | 1 | f8 | N·m | about the normal, on a | torsional_moment
+    slip             | 1 | f8 | m   | way along the surface in this tick | slip
+    sticks           | 1 | u1 | 1   | 1 where it slips by no more than 1 nm in the tick
+""")
 """Datasets under /contact, one row for each contact that bears a force, in the order of the ticks."""
 
-BODY_STATIC: tuple[Column, ...] = (
-    Column("mesh/vertices", (-1, 3), "<f8", "m", "vertices of the body's mesh, world, where position has its frame"),
-    Column("mesh/faces", (-1, 3), "<i8", "1", "triangles of the mesh: three vertices, outward by the right hand"),
-    Column("tree/center", (-1, 3), "<f8", "m", "sphere centres, breadth first, as the mesh"),
-    Column("tree/radius", (-1,), "<f8", "m", "sphere radii"),
-    Column("tree/level", (-1,), "<i8", "1", "level of each sphere; the root is 0"),
-    Column("tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
-    Column("position", (3,), "<f8", "m", "origin of the body's own frame where mesh and tree are, world"),
-    Column("orientation", (4,), "<f8", "1", "body to world where mesh and tree are, unit quaternion w x y z"),
-)
+BODY_STATIC = _columns("""
+    mesh/vertices | n 3 | f8 | m | vertices of the body's mesh, world, where position has its frame
+    mesh/faces    | n 3 | i8 | 1 | triangles of the mesh: three vertices, outward by the right hand
+    tree/center   | n 3 | f8 | m | sphere centres, breadth first, as the mesh
+    tree/radius   | n   | f8 | m | sphere radii
+    tree/level    | n   | i8 | 1 | level of each sphere; the root is 0
+    tree/parent   | n   | i8 | 1 | index of the parent sphere; the root has -1
+    position      | 3   | f8 | m | origin of the body's own frame where mesh and tree are, world
+    orientation   | 4   | f8 | 1 | body to world where mesh and tree are, unit quaternion w x y z
+""")
 """Datasets under `bodies/NAME` that do not change with time."""
 
-HAND_STATIC: tuple[Column, ...] = (
-    Column("phalanx_radius", (5, 4), "<f8", "m", "radius at each joint and at the tip, finger by joint"),
-    Column("phalanx_length", (5, 3), "<f8", "m", "length of each phalanx, finger by phalanx"),
-    Column("palm_center", (-1, 3), "<f8", "m", "centres of the palm's spheres, palm frame"),
-    Column("palm_radius", (-1,), "<f8", "m", "radii of the palm's spheres"),
-    Column("base", (5, 3), "<f8", "m", "first joint of each finger, palm frame"),
-    Column("distal", (5, 3), "<f8", "1", "unit direction of each straight finger, abduction 0, palm frame"),
-    Column("dorsal", (5, 3), "<f8", "1", "unit direction out of each finger's back, palm frame"),
-    Column("flexion_min", (5, 3), "<f8", "rad", "least flexion, finger by joint"),
-    Column("flexion_max", (5, 3), "<f8", "rad", "greatest flexion, finger by joint"),
-    Column("abduction_min", (5,), "<f8", "rad", "least abduction, positive towards the thumb side"),
-    Column("abduction_max", (5,), "<f8", "rad", "greatest abduction"),
-    Column("palm_tree/center", (-1, 3), "<f8", "m", "spheres of the palm's tree, breadth first"),
-    Column("palm_tree/radius", (-1,), "<f8", "m", "their radii"),
-    Column("palm_tree/level", (-1,), "<i8", "1", "their levels; the root is 0, the leaves collide"),
-    Column("palm_tree/parent", (-1,), "<i8", "1", "index of the parent sphere; the root has -1"),
-    Column("palm_mesh/vertices", (-1, 3), "<f8", "m", "vertices of the palm's mesh, palm frame"),
-    Column("palm_mesh/faces", (-1, 3), "<i8", "1", "its triangles, outward by the right hand"),
-)
+HAND_STATIC = _columns("""
+    phalanx_radius     | 5 4 | f8 | m   | radius at each joint and at the tip, finger by joint
+    phalanx_length     | 5 3 | f8 | m   | length of each phalanx, finger by phalanx
+    palm_center        | n 3 | f8 | m   | centres of the palm's spheres, palm frame
+    palm_radius        | n   | f8 | m   | radii of the palm's spheres
+    base               | 5 3 | f8 | m   | first joint of each finger, palm frame
+    distal             | 5 3 | f8 | 1   | unit direction of each straight finger, abduction 0, palm frame
+    dorsal             | 5 3 | f8 | 1   | unit direction out of each finger's back, palm frame
+    flexion_min        | 5 3 | f8 | rad | least flexion, finger by joint
+    flexion_max        | 5 3 | f8 | rad | greatest flexion, finger by joint
+    abduction_min      | 5   | f8 | rad | least abduction, positive towards the thumb side
+    abduction_max      | 5   | f8 | rad | greatest abduction
+    palm_tree/center   | n 3 | f8 | m   | spheres of the palm's tree, breadth first
+    palm_tree/radius   | n   | f8 | m   | their radii
+    palm_tree/level    | n   | i8 | 1   | their levels; the root is 0, the leaves collide
+    palm_tree/parent   | n   | i8 | 1   | index of the parent sphere; the root has -1
+    palm_mesh/vertices | n 3 | f8 | m   | vertices of the palm's mesh, palm frame
+    palm_mesh/faces    | n 3 | i8 | 1   | its triangles, outward by the right hand
+""")
 """Datasets under `hands/NAME` that do not change with time."""
 
 SKIN = "skin"
 """Optional group in that of a shown hand which has a mesh of its own."""
 
-SKIN_COLUMNS: tuple[Column, ...] = (
-    Column("vertices", (-1, -1, 3), "<f4", "m", "vertices of the shown hand's skin at each tick, world"),
-    Column("faces", (-1, 3), "<i8", "1", "its triangles: three vertices, outward by the right hand"),
-)
+SKIN_COLUMNS = _columns("""
+    vertices | n n 3 | f4 | m | vertices of the shown hand's skin at each tick, world
+    faces    | n 3   | i8 | 1 | its triangles: three vertices, outward by the right hand
+""")
 """Datasets under `hands/NAME/skin`; pictures show the skin in place of the phalanges and the palm."""
 
-LIVE_TICK_COLUMNS: tuple[Column, ...] = (
-    Column("record", (), "<i8", "1", "number of the tick's record since the loop began; a gap: records that were lost"),
-    Column(
-        *("period", (), "<i8", "1"),
-        *("number of the tick's period since the loop began; a gap: periods without a tick", "tick"),
-    ),
-    Column("deadline", (), "<i8", "ns", "CLOCK_MONOTONIC at which the tick was due", "time_ns"),
-    Column(
-        *("early", (), "<i8", "ns"),
-        *("how long before its period's end that was, since a sample had come; 0: none had", "early_ns"),
-    ),
-    Column(
-        *("wakeup", (), "<i8", "ns"),
-        *("how long after the deadline that was slept for, or its own, the tick began", "wakeup_ns"),
-    ),
-    Column(
-        *("latency", (), "<i8", "ns"),
-        *("from the newest sample's bytes read to the command handed over; -1: no new sample", "latency_ns"),
-    ),
-    Column("missed", (), "<i8", "1", "periods without a tick right before this one", "missed"),
-    Column(
-        *("at_once", (), "|u1", "1"),
-        *("1: the work before ended in this period, and the tick began without a sleep", "at_once"),
-    ),
-    Column("safety", (), "<i8", "1", "why the fingers were kept free, sum of bits; 0: they were not", "safety"),
-    Column("command_bend", (5,), "<f8", "1", "where each finger was told to stop, 0 flat to 1 fist", "command_bend"),
-    Column("command_stiffness", (5,), "<f8", "1", "how hard, 0 free to 1", "command_stiffness"),
-    Column(
-        *("cause", (), "|u1", "1"),
-        "who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the host, 4 the device; 0: none",
-        "cause",
-    ),
-    *(
-        Column(f"taken/{part}", (), "<i8", "ns", f"where periods were missed, {what}", f"taken.{part}")
-        for part, what in (
-            ("computed", "CPU time of the loop since the wake-up before"),
-            ("kept", "time since the deadline before that it neither ran nor slept as it had asked to"),
-            ("run_delay", "how long of it the loop could have run and was not let"),
-            ("steal", "time that the host took, in the system's steps"),
-            ("device", "time of the calls to the glove and the pose"),
-        )
-    ),
-)
+LIVE_TICK_COLUMNS = _columns("""
+    record            | 1 | i8 | 1  | number of the tick's record since the loop began; a gap: records that were lost
+    period            | 1 | i8 | 1  | number of the tick's period since the loop began; a gap: periods without a tick
+        | tick
+    deadline          | 1 | i8 | ns | CLOCK_MONOTONIC at which the tick was due | time_ns
+    early             | 1 | i8 | ns | how long before its period's end that was, since a sample had come; 0: none had
+        | early_ns
+    wakeup            | 1 | i8 | ns | how long after the deadline that was slept for, or its own, the tick began
+        | wakeup_ns
+    latency           | 1 | i8 | ns | from the newest sample's bytes read to the command handed over; -1: no new sample
+        | latency_ns
+    missed            | 1 | i8 | 1  | periods without a tick right before this one | missed
+    at_once           | 1 | u1 | 1  | 1: the work before ended in this period, and the tick began without a sleep
+        | at_once
+    safety            | 1 | i8 | 1  | why the fingers were kept free, sum of bits; 0: they were not | safety
+    command_bend      | 5 | f8 | 1  | where each finger was told to stop, 0 flat to 1 fist | command_bend
+    command_stiffness | 5 | f8 | 1  | how hard, 0 free to 1 | command_stiffness
+    cause             | 1 | u1 | 1  | who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the
+        host, 4 the device; 0: none | cause
+    taken/computed    | 1 | i8 | ns | where periods were missed, CPU time of the loop since the wake-up before
+        | taken.computed
+    taken/kept        | 1 | i8 | ns | where periods were missed, time since the deadline before that it neither ran nor
+        slept as it had asked to | taken.kept
+    taken/run_delay   | 1 | i8 | ns | where periods were missed, how long of it the loop could have run and was not let
+        | taken.run_delay
+    taken/steal       | 1 | i8 | ns | where periods were missed, time that the host took, in the system's steps
+        | taken.steal
+    taken/device      | 1 | i8 | ns | where periods were missed, time of the calls to the glove and the pose
+        | taken.device
+""")
 """Datasets under `hands/NAME/live/tick`, one row a tick."""
 
-EVENT_COLUMNS: tuple[Column, ...] = (
-    Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC of the event", "time_ns"),
-    Column("level", (), "<i8", "1", "0 information, 1 warning, 2 fault", "level"),
-    Column("text", (), "S240", "1", "what happened, UTF-8", "text"),
-)
+EVENT_COLUMNS = _columns("""
+    time  | 1 | i8   | ns | CLOCK_MONOTONIC of the event | time_ns
+    level | 1 | i8   | 1  | 0 information, 1 warning, 2 fault | level
+    text  | 1 | S240 | 1  | what happened, UTF-8 | text
+""")
 """Datasets under `hands/NAME/live/event`."""
 INFORMATION, WARNING, FAULT = 0, 1, 2
 """Levels of an event."""
 
 
+SAMPLE_COLUMNS = _columns("""
+    record      | 1   | i8 | 1   | number of the sample's record since the loop began; a gap: records lost
+    seq         | 1   | i8 | 1   | number of the sample since the glove was opened, from 0 | seq
+    time        | 1   | i8 | ns  | CLOCK_MONOTONIC when its bytes were read | time_ns
+    handed      | 1   | i8 | ns  | CLOCK_MONOTONIC right before the loop could take it | handed_ns
+    device_time | 1   | i8 | ns  | as the glove stamped it; -1: it does not | device_time_ns
+    device_seq  | 1   | i8 | 1   | as the glove numbered it; -1: it does not | device_seq
+    battery     | 1   | i8 | %   | charge; -1: unknown | battery
+    good        | 1   | u1 | 1   | 1: finite and in range; others were never used | good
+    channel     | n   | f8 | 1   | channels as the glove sent them; names and unit: /live
+    flexion     | 5 3 | f8 | rad | flexion, finger by joint, positive curls | flexion
+    abduction   | 5   | f8 | rad | abduction, positive towards the thumb side | abduction
+""")
+"""Datasets under `hands/NAME/live/sample`, one row for every sample of a glove."""
+
+
 def sample_columns(channels: int) -> tuple[Column, ...]:
-    """Datasets under `hands/NAME/live/sample`, one row for every sample, of a glove with a number of channels."""
-    return (
-        Column("record", (), "<i8", "1", "number of the sample's record since the loop began; a gap: records lost"),
-        Column("seq", (), "<i8", "1", "number of the sample since the glove was opened, from 0", "seq"),
-        Column("time", (), "<i8", "ns", "CLOCK_MONOTONIC when its bytes were read", "time_ns"),
-        Column("handed", (), "<i8", "ns", "CLOCK_MONOTONIC right before the loop could take it", "handed_ns"),
-        Column("device_time", (), "<i8", "ns", "as the glove stamped it; -1: it does not", "device_time_ns"),
-        Column("device_seq", (), "<i8", "1", "as the glove numbered it; -1: it does not", "device_seq"),
-        Column("battery", (), "<i8", "%", "charge; -1: unknown", "battery"),
-        Column("good", (), "|u1", "1", "1: finite and in range; others were never used", "good"),
-        Column("channel", (channels,), "<f8", "1", "channels as the glove sent them; names and unit: /live"),
-        Column("flexion", (5, 3), "<f8", "rad", "flexion, finger by joint, positive curls", "flexion"),
-        Column("abduction", (5,), "<f8", "rad", "abduction, positive towards the thumb side", "abduction"),
+    """Return `SAMPLE_COLUMNS` of a glove with a number of channels."""
+    sized = {column.name: column for column in SAMPLE_COLUMNS}
+    return tuple((sized | {"channel": replace(sized["channel"], shape=(channels,))}).values())
+
+
+TICK_FIELDS = (
+    *("tick", "time_ns", "early_ns", "wakeup_ns", "latency_ns", "missed", "at_once", "input_seq", "safety", "cause"),
+    *("taken", "status", "haptic_position", "haptic_orientation", "haptic_flexion", "haptic_abduction"),
+    *("position", "orientation", "flexion", "abduction", "joints", "phalanx", "fingertip_normal", "palm_wrench"),
+    *("total", "duration", "duration_total", "duration_cpu", "work", "lag", "command_bend", "command_stiffness"),
+)
+"""Record of a session's tick: what the loop sets, the solver's input and output, and the glove's command.
+
+From `status` on those are the fields of `hhsim.kernels.tick.block.TickRecord`, the hand of the input after the first.
+"""
+MOST_CONTACTS = 64
+"""Room for the contacts of a tick of bodies that move."""
+CONTACT_FIELDS = ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
+
+
+def record_dtype(*names: str) -> np.dtype[Any]:
+    """Return the dtype of records with the fields that columns are taken from; integers have 64 bits."""
+    return np.dtype([_field(name) for name in names], align=True)
+
+
+def bodies_row(bodies: int) -> np.dtype[Any]:
+    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`.
+
+    Those of motion have shape (bodies, 1, ...), those of contacts (`MOST_CONTACTS`, ...). `contact` has the first
+    contact and the end of the last one; `body` is what touches the first body, `contact_body` the body of each contact,
+    `other_point` its point on the other body [m], world; a body has turned and shifted by `turn` and `shift` [m].
+    """
+    measured = [_field(column.source) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)]
+    moving = [("turn", "<f8", (4,)), ("shift", "<f8", (3,)), *measured, ("body_wrench", "<f8", (6,))]
+    rows = [
+        ("body", "<i8", ()),
+        *map(_field, CONTACT_FIELDS),
+        ("contact_body", "<i8", ()),
+        ("other_point", "<f8", (3,)),
+    ]
+    room = MOST_CONTACTS if bodies else 0
+    return np.dtype(
+        [
+            *((name, kind, (bodies, 1, *shape)) for name, kind, shape in moving),
+            ("contact", "<i8", (2,)),
+            *((name, kind, (room, *shape)) for name, kind, shape in rows),
+        ],
+        align=True,
     )
+
+
+def _field(name: str) -> tuple[str, str, tuple[int, ...]]:
+    """Return name, type and shape of a record's field."""
+    if name in PARTS:
+        return name, "<i8", (len(PARTS[name]),)
+    columns = (*TICK_COLUMNS, *LIVE_TICK_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *CONTACT_COLUMNS)
+    column = next(column for column in columns if column.source == name)
+    return name, "<f8" if column.dtype == "<f8" else "<i8", column.shape
 
 
 def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:

@@ -21,15 +21,17 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import OutputError
+from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
+from hhsim.result.body import Body
 from hhsim.result.contacts import contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
+from hhsim.system.hdf5_input import open_hdf5
 from hhsim.system.output_path import free_name, require_apart
 from hhsim.system.posix import allocate
 
@@ -47,16 +49,6 @@ class HandPart:
     static: Mapping[str, AnyArray]  # arrays of `HAND_STATIC` by name
     tables: Mapping[str, Sequence[schema.Column]] = field(default_factory=dict)  # of a session, such as `live/tick`
     attributes: Mapping[str, Scalar] = field(default_factory=dict)  # of `live`
-
-
-@dataclass(frozen=True)
-class BodyPart:
-    """A body of a file: how it moves, shape, and what its ticks have."""
-
-    kind: str  # one of `BODY_KINDS`
-    static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
-    columns: Sequence[schema.Column] = ()  # of `BODY_COLUMNS`; none for one that stands still
-    properties: Mapping[str, Any] = field(default_factory=dict)  # of one in a scene with a free body, JSON-able
 
 
 class ResultWriter:
@@ -82,7 +74,7 @@ class ResultWriter:
         path: Path,
         *,
         hands: Mapping[str, HandPart],
-        bodies: Mapping[str, BodyPart],
+        bodies: Mapping[str, Body],
         columns: Sequence[schema.Column] = (),
         phases: Sequence[TickPhase] = (),
         command: Sequence[str] = (),
@@ -97,11 +89,12 @@ class ResultWriter:
             self._tables |= {f"{group}/{table}": _Table(of) for table, of in hand.tables.items()}
         for name, body in bodies.items():
             if body.columns:
-                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(body.columns)
+                columns = [column for column in schema.BODY_COLUMNS if column.name in body.columns]
+                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(columns)
         if next(iter(bodies.values())).kind == "free":
             self._tables[schema.CONTACT] = _Table(schema.CONTACT_COLUMNS)
         self._complete = False
-        with output_errors(self.path), contextlib.ExitStack() as undo:
+        with _output_errors(self.path), contextlib.ExitStack() as undo:
             self.path.touch(exist_ok=False)
             undo.callback(self.path.unlink, missing_ok=True)
             self._file = h5py.File(self.path, "w")
@@ -156,7 +149,7 @@ class ResultWriter:
         counts = {_count(arrays) for group, arrays in blocks.items() if schema.TICK in group.split("/")}
         if len(counts) > 1:
             raise ValueError(f"tables of the ticks hold different numbers of them: {sorted(counts)}")
-        with output_errors(self.path):
+        with _output_errors(self.path):
             self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
             for group, arrays in blocks.items():
                 table = self._tables[group]
@@ -173,7 +166,7 @@ class ResultWriter:
 
     def finish(self, hands: Mapping[str, Mapping[str, Scalar]], shared: Mapping[str, Scalar] | None = None) -> Path:
         """Write figures of each hand by its name, and shared ones, mark the file complete, return its final path."""
-        with output_errors(self.path):
+        with _output_errors(self.path):
             self._claim(_OVERHEAD)
             self._file[schema.SUMMARY].attrs.update(shared or {})
             for name, figures in hands.items():
@@ -192,9 +185,9 @@ class ResultWriter:
         return self.path
 
     def _write_header(
-        self, hands: Mapping[str, HandPart], bodies: Mapping[str, BodyPart], phases: Sequence[TickPhase]
+        self, hands: Mapping[str, HandPart], bodies: Mapping[str, Body], phases: Sequence[TickPhase]
     ) -> None:
-        common, own = split_scenes({name: hand.scene for name, hand in hands.items()})
+        common, own = _split_scenes({name: hand.scene for name, hand in hands.items()})
         scene_json = json.dumps(common, sort_keys=True)
         self._claim(len(scene_json) + 2 * _OVERHEAD)
         first = {"format": schema.FORMAT, "schema_version": schema.SCHEMA_VERSION, "complete": 0}
@@ -217,7 +210,7 @@ class ResultWriter:
                     chunks=(CHUNK_TICKS, *column.shape),
                     dtype=_stored_type(column),
                 )
-                describe_dataset(dataset, column)
+                _describe_dataset(dataset, column)
                 table.datasets[column.name] = dataset
         for name, hand in hands.items():
             if hand.attributes:
@@ -233,17 +226,17 @@ class ResultWriter:
         arrays = _checked(static, columns, lambda column: column.shape)
         self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
         for column in columns:
-            describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=arrays[column.name]), column)
+            _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=arrays[column.name]), column)
         return self._file[group]
 
     def _write_phases(self, phases: Sequence[TickPhase]) -> None:
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
-        describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        _describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
         for name in ("first_tick", "last_tick"):
             dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
             what = f"{name.split('_')[0]} tick of each phase, from 0"
-            describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
+            _describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
@@ -270,7 +263,7 @@ class ResultWriter:
         return size
 
 
-def split_scenes(scenes: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def _split_scenes(scenes: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Split the descriptions of hands in what they have in common and what is each one's; sizes always are."""
     first = next(iter(scenes.values()))
     common = {
@@ -288,7 +281,7 @@ def add_document(path: Path, name: str, document: Mapping[str, Any]) -> None:
     Of several runs, `repeated` has `runs`, how many, and `times`: mean and std by the name of the figure, SI or %.
     Raises OutputError where the file cannot be written.
     """
-    with output_errors(path), _amended(path) as file:
+    with _output_errors(path), _amended(path) as file:
         file.attrs[name] = json.dumps(document)
 
 
@@ -298,13 +291,52 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
     arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS, lambda column: column.shape)
-    with output_errors(path), partial_file(path) as partial:
+    with _output_errors(path), partial_file(path) as partial:
         shutil.copyfile(path, partial)
         with _amended(partial) as file:
             (hand,) = file[schema.HANDS].values()
             hand.pop(schema.SKIN, None)
             for column in schema.SKIN_COLUMNS:
-                describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
+                _describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
+
+
+def merge_hands(parts: Sequence[Path], path: Path, between: Mapping[str, AnyArray]) -> Path:
+    """Merge the complete results of the right and the left hand in the same ticks in one file, and delete them.
+
+    `between` has the arrays of `BETWEEN_COLUMNS` by name. Raises InputError for results of two objects, OutputError
+    where the file cannot be written; the parts stay.
+    """
+    with _output_errors(path):
+        with partial_file(path) as partial:
+            shutil.copyfile(parts[0], partial)
+            with open_hdf5(parts[1]) as other, _amended(partial) as file:
+                if not _equal(file[schema.BODIES], other[schema.BODIES]):
+                    raise InputError(f"{parts[0]} and {parts[1]} have not the same bodies: each keeps its own file")
+                scenes = {
+                    name: {**json.loads(of.attrs["scene"]), **json.loads(hand.attrs["scene"])}
+                    for of in (file, other)
+                    for name, hand in of[schema.HANDS].items()
+                }
+                for group in (schema.HANDS, schema.SUMMARY):
+                    for name in other[schema.HANDS]:
+                        other.copy(f"{group}/{name}", file[group])
+                for column in schema.BETWEEN_COLUMNS:
+                    values = np.asarray(between[column.name], column.dtype)
+                    _describe_dataset(file.create_dataset(f"{schema.TICK}/{column.name}", data=values), column)
+                common, own = _split_scenes(scenes)
+                file.attrs["scene"] = json.dumps(common, sort_keys=True)
+                for name, scene in own.items():
+                    file[schema.HANDS][name].attrs["scene"] = json.dumps(scene, sort_keys=True)
+        for part in parts:
+            part.unlink()
+    return path
+
+
+def _equal(one: h5py.Group, other: h5py.Group) -> bool:
+    """Return True if two groups hold the same arrays."""
+    if isinstance(one, h5py.Dataset) or isinstance(other, h5py.Dataset):
+        return isinstance(one, h5py.Dataset) and isinstance(other, h5py.Dataset) and np.array_equal(one, other)
+    return one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one)
 
 
 @contextlib.contextmanager
@@ -375,14 +407,14 @@ def _stored_type(column: schema.Column) -> Any:
     return column.dtype
 
 
-def describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:
+def _describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:
     """Set unit and description of a dataset."""
     dataset.attrs["units"] = column.units
     dataset.attrs["long_name"] = column.long_name
 
 
 @contextlib.contextmanager
-def output_errors(path: Path) -> Iterator[None]:
+def _output_errors(path: Path) -> Iterator[None]:
     """Raise OutputError for a failure of the file system."""
     try:
         yield

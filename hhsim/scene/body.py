@@ -4,26 +4,33 @@ Poses, axes and points are in the world [m]: those of a body that moves are of t
 alone are in the frame of the body, which `position` and `orientation` place in the world.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, Self, TypeAlias
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
+from hhsim.errors import InputError, check_known, named
 from hhsim.hand.model import SIDES
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh, mass_properties
-from hhsim.motion.trajectory import ObjectMotion
-from hhsim.ranges import check_range
+from hhsim.motion.csv_table import read_table
+from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
+from hhsim.motion.pickled_data import flat, npy_dictionary
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, as_numbers
+from hhsim.ranges import RANGES, check_range
 from hhsim.reproducible import norm, principal_axes
+from hhsim.system.input_file import read_input, read_input_text
+from hhsim.system.settings_file import Settings, a_list, between
 from hhsim.trees.sphere_tree import SphereTree
 
 Triple: TypeAlias = tuple[float, float, float]
-JointType: TypeAlias = Literal["hinge", "slider"]
 GRAVITY: Triple = (0.0, 0.0, -9.81)
 """[m/s²], world."""
 USUAL_FRICTION = 0.6
@@ -95,30 +102,111 @@ BodyMotion: TypeAlias = Fixed | Driven | Free
 """How a body moves; the motion of a hand is `hhsim.scene.motion_catalogue.Motion`."""
 
 
-@dataclass(frozen=True)
-class Joint:
-    """Hinge or slider of a body on the world or on another body; InputError for an axis of length 0, or bad limits."""
+Number = Annotated[float, between(-100.0, 100.0)]
+Three = tuple[Number, Number, Number]
+Coordinate = Annotated[float, between(-1000.0, 1000.0)]
+Vector = tuple[Coordinate, Coordinate, Coordinate]
+Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 
-    type: JointType
-    axis: Triple  # direction, of any length, by the right hand's rule
-    origin: Triple = (0.0, 0.0, 0.0)  # a point of the axis [m]; of a slider without meaning
-    limits: tuple[float, float] | None = None  # least and greatest value [rad] or [m]; None: there are none
-    friction: float = 0.0  # largest moment [N·m] or force [N] of its dry friction
+
+class JointRecording(Settings, frozen=True):
+    """Columns of a CSV file, or arrays of an .npz, that hold a joint's values; the path is relative to the bodies'.
+
+    An .npy has the rate of its rows [Hz], the first of which is at 0 s, and the number of a column, from 0 on; one of
+    nested dictionaries the keys of an array with slashes between.
+    """
+
+    file: str
+    column: str | int
+    time: str | None = None
+    rate: Annotated[float, between(1e-3, 1e6, "Hz")] | None = None
+
+    def check(self) -> None:
+        """Check that an .npy has a column and a rate, and any other file names."""
+        rows, numbered = Path(self.file).suffix == ".npy", isinstance(self.column, int)
+        fits = (self.rate and self.time is None) if rows else not numbered and self.rate is None
+        if not fits:
+            expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
+            raise InputError(f"{self.file} has {'no names and no stamps' if rows else 'names'}; expected {expected}")
+
+    def read(self, folder: Path) -> tuple[Keyframe, ...]:
+        """Return (time [s], value) of each sample; InputError for no such file or column, or what is no number."""
+        path, names = folder / self.file, (self.time or "t", str(self.column))
+        try:
+            if self.rate is not None and isinstance(self.column, int):
+                rows = as_numbers("array", read_npy(read_input(path)))
+                if rows.ndim != 2 or not 0 <= self.column < rows.shape[1]:
+                    raise InputError(f"no column {self.column} in an array of shape {rows.shape}; expected (T, 7)")
+                time, values = np.arange(len(rows)) / self.rate, rows[:, self.column]
+            elif self.rate is not None:
+                arrays = dict(flat(npy_dictionary(read_input(path), "a joint's values")))
+                check_known("array", names[1:], arrays)
+                values = numbers(arrays, names[1])
+                time = np.arange(len(values)) / self.rate
+            elif path.suffix == ".npz":
+                arrays = read_npz(read_input(path))
+                check_known("array", names, arrays)
+                time, values = numbers(arrays, names[0]), numbers(arrays, names[1])
+            else:
+                time, values = read_table(read_input_text(path), strict=True).numbers(names)[0].T
+            if time.ndim != 1 or time.shape != values.shape:
+                raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
+            if not (len(time) and np.isfinite(time).all() and np.isfinite(values).all()):
+                missing = " or ".join(names) if isinstance(self.column, str) else f"column {self.column}"
+                raise InputError(f"{missing} is empty or lacks a number; expected one a sample")
+        except OSError as reason:
+            raise InputError(f"{path}: cannot be read: {reason.strerror or reason}") from None
+        except (InputError, UnicodeDecodeError) as reason:
+            raise InputError(f"{path}: {reason}") from None
+        return tuple(zip(time.tolist(), values.tolist(), strict=True))
+
+
+class Joint(Settings, frozen=True):
+    """Hinge or slider of a body on the world or on another body; docs/toml.md explains the keys.
+
+    Axis and origin are in the frame of what bears it; of a body in a scene in the world at the first tick. Raises
+    InputError for an axis of length 0, limits or times out of order, or a value beyond the limits.
+    """
+
+    type: Literal["hinge", "slider"]
+    axis: Vector  # direction, of any length, by the right hand's rule
+    origin: Vector = (0.0, 0.0, 0.0)  # a point of the axis [m]; of a slider without meaning
+    limits: tuple[Number, Number] | None = None  # least and greatest value [rad] or [m]; None: there are none
+    friction: Annotated[float, between(*RANGES["hinge_friction"][:2])] = 0.0  # largest moment [N·m] or force [N]
     on: str = ""  # name of the body that bears it and does not stop it; "": the world
-    value: float = 0.0  # at the first tick [rad] or [m]
+    start: Number | None = None  # value at the first tick [rad] or [m]; None: 0
+    motion: Annotated[tuple[Keyframe, ...], a_list("[[0.0, 0.0], [1.0, 1.5]]")] | None = None
+    recording: JointRecording | None = None
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Check the axis, the order of the limits and of the times, and each value against the limits."""
         if not (np.isfinite(self.axis).all() and norm(np.array(self.axis)) > LEAST_LENGTH):
-            raise InputError(f"the axis of the {self.type} has no direction; expected one such as [0.0, 1.0, 0.0]")
+            raise InputError(f"the axis of the {self.type} has length 0; expected one such as [0.0, 1.0, 0.0]")
         if not np.isfinite(self.origin).all():
             raise InputError(f"the origin of the {self.type} is not finite; expected a point of its axis")
         check_range(f"{self.type}_friction", self.friction)
-        least, most = self.limits or (self.value, self.value)
-        if not least <= self.value <= most:
-            raise InputError(
-                f"the {self.type} begins at {self.value:g} {self.unit}, beyond its limits; "
-                f"expected {least:g} to {most:g} {self.unit}"
-            )
+        if self.limits is not None and self.limits[0] > self.limits[1]:
+            least, most = self.limits
+            raise InputError(f"limits are reversed: {least:g} is above {most:g}; expected the least value first")
+        given = [name for name in ("motion", "recording", "start") if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise InputError(f"both a {' and a '.join(given)}; expected one of them")
+        times = [time for time, _ in self.motion or ()]
+        for number, (before, after) in enumerate(pairwise(times), start=2):
+            if after <= before:
+                raise InputError(f"motion[{number}] is at {after:g} s, not after {before:g} s; expected rising times")
+        values = {f"motion[{number}]": value for number, (_, value) in enumerate(self.motion or (), start=1)}
+        least, most = self.limits or (-np.inf, np.inf)
+        for what, value in values.items() if self.is_driven else [("start", self.value)]:
+            if not least <= value <= most:
+                raise InputError(
+                    f"{what} has the value {value:g}, beyond the limits; expected {least:g} to {most:g} {self.unit}"
+                )
+
+    @property
+    def value(self) -> float:
+        """Value at the first tick [rad] or [m], where no motion is told."""
+        return self.start or 0.0
 
     @property
     def direction(self) -> FloatArray:
@@ -130,6 +218,44 @@ class Joint:
     def unit(self) -> str:
         """Unit of its values."""
         return "rad" if self.type == "hinge" else "m"
+
+    @property
+    def is_driven(self) -> bool:
+        """True if the joint moves as recorded; otherwise forces move what is on it."""
+        return self.motion is not None or self.recording is not None
+
+    def read(self, folder: Path) -> "Joint":
+        """Return the joint with the motion of its recording, whose path is relative to a folder."""
+        if self.recording is None:
+            return self
+        keyframes = self.recording.read(folder)
+        with named(folder / self.recording.file):
+            return structs.replace(self, motion=keyframes, recording=None)
+
+    def moved(self, motion: Sequence[Keyframe]) -> "Joint":
+        """Return the joint driven by another motion; InputError for a value beyond the limits."""
+        return structs.replace(self, motion=tuple(motion), recording=None, start=None)
+
+    def values(self, time: FloatArray) -> FloatArray:
+        """Return the joint's values [rad] or [m] at these times [s], (T,); its recording has been read."""
+        if self.motion is None:
+            return np.full(len(time), self.value)
+        times, values = np.array(self.motion).T
+        found: FloatArray = np.interp(time, times, values)
+        return found
+
+    def poses(self, position: FloatArray, orientation: FloatArray, values: FloatArray) -> ObjectMotion:
+        """Return the poses of a body on the joint at each value, (T,), in the frame of what bears the joint.
+
+        `position` [m], (3,), and `orientation` (w, x, y, z), (4,), are those at the value 0.
+        """
+        place, turn = np.tile(position, (len(values), 1)), np.tile(orientation, (len(values), 1))
+        along = values[:, None] * self.direction
+        if self.type == "slider":
+            return ObjectMotion(place + along, turn)
+        moved, origin = quaternion(along), np.array(self.origin)
+        about = (rotation_matrix(moved) * (place - origin)[:, None, :]).sum(axis=-1)
+        return ObjectMotion(origin + about, quaternion_product(moved, turn))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,3 +314,19 @@ def triple(values: ArrayLike) -> Triple:
     """Return three numbers as a tuple."""
     x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
+
+
+def require_no_circle(bearers: Mapping[str, str], expected: str) -> None:
+    """Raise InputError for joints in a circle; `bearers` has what each hangs on, `expected` ends the message."""
+    for name in bearers:
+        chain = [name]
+        while on := bearers.get(chain[-1]):
+            chain.append(on)
+            if on in chain[:-1]:
+                raise InputError(f"joints in a circle: {' on '.join(chain[chain.index(on) :])}; expected {expected}")
+
+
+def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:
+    """Return poses, each given in the frame `base` of its moment, in the frame in which `base` itself is given."""
+    frame = RigidMotion(base.orientation, base.position)
+    return ObjectMotion(frame.points(poses.position), frame.orientations(poses.orientation))

@@ -1,49 +1,4 @@
-"""TOML files of bodies: what each is, where it is, and how it moves.
-
-Keys, with their defaults::
-
-    [[body]]
-    name = "case"
-    mesh = "case.ply"                    # a catalogue name, or a path relative to the file
-    unit = "m"                           # of a mesh file: m, cm, mm or inch
-    # or: box = [0.3, 0.2, 0.01]         # a box about the origin of the body's frame, of these edges [m]
-    position = [0.0, 0.0, 0.0]           # of the body's frame in the file's [m]
-    orientation = [1.0, 0.0, 0.0, 0.0]   # body to file, (w, x, y, z)
-    friction = 0.6                       # with hands; of two bodies it is the geometric mean of both
-    torsion = 0.0                        # as --torsion [m]
-    fixed = true                         # it stays where it is; or goes along, where a recording moves the object
-
-    [[body]]                             # neither fixed nor driven: it is free
-    name = "drawer"
-    box = [0.3, 0.2, 0.1]
-    density = 1000.0                     # [kg/m³], or: mass = 0.1 [kg]
-    center = [0.0, 0.0, 0.0]             # centre of mass in its frame [m], with `inertia` [[…], […], […]] about it and
-                                         # a mass; both follow from the mesh without them
-    joint.type = "slider"                # or "hinge"; without a joint the body moves in all directions
-    joint.on = "case"                    # a body that bears the joint, and does not stop it; without one the world.
-                                         # Position, orientation, axis and origin are then in the frame of that body
-    joint.axis = [0.0, 1.0, 0.0]         # of any length; a hinge turns by the right hand's rule
-    joint.origin = [0.0, 0.0, 0.0]       # a point of a hinge's axis [m]
-    joint.limits = [-0.12, 0.1]          # least and greatest value, [rad] of a hinge, [m] of a slider; none without
-    joint.friction = 0.0                 # largest moment [N·m] or force [N] of dry friction
-    joint.start = 0.0                    # value that it begins at; `position` and `orientation` are those at 0
-    # A body on such a joint is driven, it goes as recorded, through what is fixed or driven, too:
-    # joint.motion = [[0.0, 0.0], [1.0, 0.1]]   # (time [s], value); straight between, constant before and after
-    # joint.recording = { file = "lid.csv", column = "angle", time = "t" }   # columns of a CSV, arrays of an .npz
-    # joint.recording = { file = "box.object.npy", column = 0, rate = 30.0 }   # of rows without stamps, [Hz]
-    # joint.recording = { file = "box.npy", column = "params/obj_arti", rate = 30.0 }   # in its dictionaries
-    # or it is driven by its poses, without a joint, see `PoseFile`:
-    # poses = { file = "box.npy", rate = 30.0 }
-
-    [[body]]
-    name = "table"
-    plane = "under"                      # a table right under the lowest body, or at this height in the file's frame
-                                         # [m]; hands go through it. `friction` is then that with all bodies
-
-A script may move the joints instead, see `hhsim.scene.script`. ARCTIC's `.object.npy` has the angle in column 0 of rows
-at 30 Hz; its axis is (0, 0, -1) through the origin of the object, whose two meshes are in one frame
-(github.com/zc-alexfan/arctic: docs/data/data_doc.md, common/object_tensors.py).
-"""
+"""TOML files of bodies: what each is, where it is, and how it moves; docs/toml.md has the keys."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -59,8 +14,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.body import LEAST_LENGTH, check_names
-from hhsim.scene.joint import JointSettings, Number, Three, require_no_circle
+from hhsim.scene.body import LEAST_LENGTH, Joint, Number, Three, check_names, require_no_circle
 from hhsim.system.settings_file import Settings, between, read_settings
 
 Drive: TypeAlias = Callable[[FloatArray], ObjectMotion]
@@ -113,7 +67,7 @@ class PoseFile(Settings, frozen=True):
 
 
 class BodySettings(Settings, frozen=True, kw_only=True):
-    """One body; the module's docstring explains the keys."""
+    """One body; docs/toml.md explains the keys."""
 
     name: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]+\Z", description="letters, digits, - and _")]
     mesh: str = ""
@@ -129,7 +83,7 @@ class BodySettings(Settings, frozen=True, kw_only=True):
     inertia: tuple[Three, Three, Three] | None = None
     friction: Annotated[float, between(*RANGES["friction"][:2])] | None = None
     torsion: Annotated[float, between(*RANGES["torsion"][:2])] = 0.0
-    joint: JointSettings | None = None
+    joint: Joint | None = None
     poses: PoseFile | None = None
 
     def check(self) -> None:

@@ -1,6 +1,6 @@
 """Bodies as OBJECT names them: read with their meshes, given their sphere trees, and put into a scene by a motion."""
 
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.resources import files
@@ -15,23 +15,26 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.linkage.file import names_a_linkage, resolve_object
-from hhsim.mesh.catalogue import (
-    BODIES,
-    MESH_LEVEL,
-    OF_BODIES,
-    body_file_names,
-    names_a_body_file,
-    names_a_file,
-    object_names,
-)
+from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, OF_BODIES, names_a_body_file, names_a_file, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import held_rows, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
-from hhsim.scene.body import CLEARANCE, USUAL_FRICTION, Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint, triple
+from hhsim.scene.body import (
+    CLEARANCE,
+    USUAL_FRICTION,
+    Body,
+    BodyMotion,
+    Driven,
+    Fixed,
+    Free,
+    HalfSpace,
+    Keyframe,
+    composed,
+    triple,
+)
 from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
-from hhsim.scene.joint import Keyframe, composed
 from hhsim.scene.linkage_bodies import linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.trees.hierarchy import build_hierarchy
@@ -121,22 +124,20 @@ class DeclaredBodies:
         while waiting:
             body = next(one for one in waiting if not one.bearer or one.bearer in known)
             waiting.remove(body)
-            known[body.name] = self._relative(body, time, values)
-            if body.bearer:
-                known[body.name] = composed(known[body.bearer], known[body.name])
+            own = self._relative(body, time + self.began)
+            known[body.name] = composed(known[body.bearer], own) if body.bearer else own
         if self.drives:
             return {body.name: known[body.name] for body in self.solids}
         rows = held_rows(np.stack([*values.values(), np.zeros(len(time))], axis=1))
         return {body.name: known[body.name].at(rows) for body in self.solids}
 
-    def _relative(self, body: BodySettings, time: FloatArray, values: Mapping[str, FloatArray]) -> ObjectMotion:
+    def _relative(self, body: BodySettings, time: FloatArray) -> ObjectMotion:
         """Return the poses of a body in the frame of the one that bears it, or of the file."""
         if body.name in self.drives:
-            return self.drives[body.name](time + self.began)
+            return self.drives[body.name](time)
         place, joint = np.array(body.position), body.joint
         if joint is not None and (joint.is_driven or joint.start):
-            start = np.full(len(time), joint.start or 0.0)
-            return joint.poses(place, body.turn, values.get(body.name, start))
+            return joint.poses(place, body.turn, joint.values(time))
         return ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
 
     @cached_property
@@ -187,11 +188,10 @@ class DeclaredBodies:
         """Return a body at its first pose; `base` is that of what bears it; a free one ignores `motion`."""
         joint = None
         if body.joint is not None:
-            turn, start = rotation_matrix(base.orientation), values.get(body.name, [body.joint.start or 0.0])
-            axis = (turn * np.array(body.joint.axis)).sum(axis=1)
-            origin = (turn * np.array(body.joint.origin)).sum(axis=1) + base.position
-            about = body.joint.limits, body.joint.friction, body.joint.on, float(start[0])
-            joint = Joint(body.joint.type, triple(axis), triple(origin), *about)
+            turn, start = rotation_matrix(base.orientation), values.get(body.name, [body.joint.value])
+            axis = triple((turn * np.array(body.joint.axis)).sum(axis=1))
+            origin = triple((turn * np.array(body.joint.origin)).sum(axis=1) + base.position)
+            joint = structs.replace(body.joint, axis=axis, origin=origin, start=float(start[0]), motion=None)
         placed = Body(
             name=body.name,
             mesh=self.meshes[body.name],
@@ -213,12 +213,6 @@ class DeclaredBodies:
         first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
         center = triple((turn * np.array(body.center)).sum(axis=1) + pose.position)
         return replace(placed, motion=Free(body.mass, center, (first, second, third)))
-
-    def require_apart(self) -> None:
-        """Raise InputError for bodies that begin inside each other."""
-        joined = {frozenset((body.name, body.bearer)) for body in self.solids if body.bearer}
-        placed = [self.meshes[body.name].transformed(*_place(self._begin[body.name])) for body in self.solids]
-        require_apart([body.name for body in self.solids], placed, joined)
 
 
 def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
@@ -253,10 +247,12 @@ def _held(poses: ObjectMotion) -> Any:
     return held_rows(np.concatenate(poses, axis=1))
 
 
-def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Container[frozenset[str]] = ()) -> None:
-    """Raise InputError for meshes in the world that begin inside each other; `joined` has those that share a joint."""
-    solids = [Solid(mesh) for mesh in meshes]
-    for (one, solid), (other, its) in combinations(zip(names, solids), 2):
+def _require_apart(bodies: DeclaredBodies) -> None:
+    """Raise InputError for bodies that begin inside each other."""
+    begin = bodies.path(np.zeros(1))
+    solids = {name: Solid(mesh.transformed(*_place(begin[name]))) for name, mesh in bodies.meshes.items()}
+    joined = {frozenset((body.name, body.bearer)) for body in bodies.solids if body.bearer}
+    for (one, solid), (other, its) in combinations(solids.items(), 2):
         hinged = frozenset((one, other)) in joined
         most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, its)
         if depth > most:
@@ -266,56 +262,23 @@ def require_apart(names: Sequence[str], meshes: Sequence[Mesh], joined: Containe
             )
 
 
-def load_bodies(
-    word: str | Path, motion: object = None, *, solid: bool | None = None, free: Mapping[str, Any] | None = None
-) -> DeclaredBodies:
-    """Load the bodies of a file and their meshes; joints are moved by the motion, if it is a script that has some.
-
-    `word` is a name of the catalogue, or a TOML, URDF or MJCF file; `free` is of a URDF or MJCF alone, see
-    `linkage_bodies`. `solid` is as for `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises
-    UnknownNameError for no such file, mesh, or joint; InputError for a file that cannot be used, or bodies that begin
-    inside each other.
-    """
-    path = Path(word)
-    if names_a_linkage(path):
-        own, surfaces = linkage_bodies(path, motion, free=free, solid=solid)
-        loaded = DeclaredBodies(path.stem, own, surfaces, level=_usual_level(own, solid))
-        with named(word):
-            loaded.require_apart()
-        return loaded
-    if not names_a_file(str(word)):
-        check_known("file of bodies", [str(word)], body_file_names())
-        path = Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
-    bodies = [
-        structs.replace(body, joint=body.joint and body.joint.read(path.parent)) for body in read_body_file(path).body
-    ]
+def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodies:
+    """Return the bodies of a TOML file; a script that moves joints does so in place of the file's motions."""
+    path = Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
+    bodies = read_body_file(path).body
+    joints = {body.name: body.joint.read(path.parent) for body in bodies if body.joint}
+    motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     with named(word):
-        settings = _moved(bodies, motion, path.stem)
+        if not joints:
+            _require_no_joints(motion, path.stem)
+        check_known("joint", motions, joints)
+        for name, keyframes in motions.items():
+            with named(f"joint {name}"):
+                joints[name] = joints[name].moved(keyframes)
+        settings = BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
         drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
-        found = DeclaredBodies(path.stem, settings, meshes, drives=drives, level=_usual_level(settings, solid))
-        found.require_apart()
-    return found
-
-
-def _usual_level(bodies: Sequence[BodySettings], solid: bool | None) -> int:
-    """Return the usual level of the trees of bodies, of which corners meet each other if `solid` is False."""
-    surfaces = [body for body in bodies if body.plane is None]
-    many = solid is not False and len(surfaces) > 1 and any(body.is_free for body in surfaces)
-    return LEVEL_OF_MANY if many else MESH_LEVEL
-
-
-def _moved(bodies: Sequence[BodySettings], motion: object, word: str) -> tuple[BodySettings, ...]:
-    """Return the bodies with the motions of joints that a script has in place of their own."""
-    motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
-    joints = {body.name: body.joint for body in bodies if body.joint}
-    if not joints:
-        require_no_joints(motion, word)
-    check_known("joint", motions, joints)
-    for name, keyframes in motions.items():
-        with named(f"joint {name}"):
-            joints[name] = joints[name].moved(keyframes)
-    return BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
+    return DeclaredBodies(path.stem, settings, meshes, drives=drives)
 
 
 def _mesh(body: BodySettings, folder: Path, solid: bool | None) -> Mesh:
@@ -329,7 +292,7 @@ def _mesh(body: BodySettings, folder: Path, solid: bool | None) -> Mesh:
     return replace(mesh, name=body.name)
 
 
-def require_no_joints(motion: object, word: str) -> None:
+def _require_no_joints(motion: object, word: str) -> None:
     """Raise InputError for a script that moves joints, on an object that has none."""
     joints: Sequence[tuple[str, Sequence[Keyframe]]] = getattr(motion, "joints", ())
     if joints:
@@ -348,15 +311,28 @@ def load_object(
 ) -> DeclaredBodies:
     """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].
 
-    `free` is of a URDF or MJCF, see `linkage_bodies`. Other arguments and errors are those of `load_bodies`, and of
-    `hhsim.linkage.file.resolve_object`.
+    Joints are moved by the motion, if it is a script that has some. `free` is of a URDF or MJCF, see `linkage_bodies`.
+    `unit`, `size` and `thickness` are of a mesh file, see `hhsim.linkage.file.resolve_object`; `solid` is as for
+    `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises UnknownNameError for no such object, mesh
+    or joint; InputError for a file that cannot be used, or bodies that begin inside each other.
     """
     if isinstance(object_, Mesh):
         return DeclaredBodies.of_mesh(object_)
-    if names_a_linkage(object_) or names_a_body_file(str(object_)):
-        if unit is not None or size is not None:
-            raise InputError(f"unit and size are for mesh files; {object_} has its size")
-        return load_bodies(object_, motion, solid=solid, free=free)
-    mesh, level = resolve_object(object_, unit, size, solid)
-    require_no_joints(motion, str(object_))
-    return DeclaredBodies.of_mesh(mesh, level=level)
+    word = str(object_)
+    if not names_a_linkage(object_) and not names_a_body_file(word):
+        mesh, level = resolve_object(object_, unit, size, solid)
+        _require_no_joints(motion, word)
+        return DeclaredBodies.of_mesh(mesh, level=level)
+    if unit is not None or size is not None:
+        raise InputError(f"unit and size are for mesh files; {object_} has its size")
+    if names_a_linkage(object_):
+        settings, meshes = linkage_bodies(Path(word), motion, free=free, solid=solid)
+        found = DeclaredBodies(Path(word).stem, settings, meshes)
+    else:
+        found = _of_body_file(word, motion, solid)
+    # Where corners meet each other the leaves count no more.
+    many = solid is not False and len(found.solids) > 1 and any(body.is_free for body in found.solids)
+    found = replace(found, level=LEVEL_OF_MANY if many else MESH_LEVEL)
+    with named(object_):
+        _require_apart(found)
+    return found

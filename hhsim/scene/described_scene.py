@@ -151,7 +151,11 @@ class LoadedWords:
             if words.tree is None:
                 tree, own = chosen_tree(mesh, words.level or self.bodies.level, words.max_error, self.solid, report)
             else:
-                found = load_tree_for(Path(words.tree), mesh, self._unit_length())
+                unit_length = 1.0
+                if names_a_file(words.object) and not names_a_linkage(words.object):
+                    size = None if words.size_mm is None else 1e-3 * words.size_mm
+                    unit_length = unit_length_of(words.object, words.unit, size)
+                found = load_tree_for(Path(words.tree), mesh, unit_length)
                 tree, own = found.tree, (f"the sphere tree is that of {words.tree}", *found.notes)
             notes.extend(own)
             return tree
@@ -170,13 +174,6 @@ class LoadedWords:
         if free is None or names_a_linkage(word):
             return scene
         return scene.freed(**free.properties(scene.solids[0].placed_mesh, word))
-
-    def _unit_length(self) -> float:
-        """Return the length [m] of the mesh's unit, for a file of its sphere tree."""
-        words = self.words
-        if not names_a_file(words.object) or names_a_linkage(words.object):
-            return 1.0
-        return unit_length_of(words.object, words.unit, None if words.size_mm is None else 1e-3 * words.size_mm)
 
 
 def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:
@@ -312,7 +309,7 @@ def touches(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) ->
 
     The tree is in the world; every tick counts.
     """
-    return bool(_nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks), fingers, TOUCHING) < TOUCHING)
+    return _nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks), fingers, TOUCHING) < TOUCHING
 
 
 def depth_at_start(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) -> float:

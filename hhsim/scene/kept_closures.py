@@ -7,17 +7,16 @@ import functools
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import fields
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from hhsim.errors import OutputError
-from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.kernel_cache import module_digest
 from hhsim.scene.finger_closure import FingerClosure
 from hhsim.scene.script import Script
@@ -30,17 +29,6 @@ SHIPPED = "closures.json"
 
 _SOURCES = ("scene/closure_search.py", "scene/finger_closure.py", "scene/script.py", "reproducible.py")
 """Files of hhsim that a search depends on, beside the kernels: a change of one makes closures in the cache stale."""
-
-_SHAPES = {
-    "rotation": (3, 3),
-    "back": (3,),
-    "position": (3,),
-    "slide": (3,),
-    "abduction": (len(FINGERS),),
-    **dict.fromkeys(("open", "contact", "command", "touching"), (len(FINGERS), 3)),
-    "distance": (BODY_COUNT,),
-}
-_FINGERS = ("reached", "missed")
 
 Fields = dict[str, Any]
 """A closure as JSON has it: lists of numbers and names by field."""
@@ -99,11 +87,11 @@ def _sources() -> str:
 
 def encoded(closure: FingerClosure) -> Fields:
     """Return a closure's fields, with every digit of its numbers."""
-    return {name: np.array(getattr(closure, name)).tolist() for name in (*_SHAPES, *_FINGERS)}
+    return {each.name: np.array(getattr(closure, each.name)).tolist() for each in fields(FingerClosure)}
 
 
-def decoded(fields: Fields) -> FingerClosure:
+def decoded(kept: Fields) -> FingerClosure:
     """Return the closure of such fields; KeyError, TypeError or ValueError if they are none of a closure."""
-    parts: dict[str, Any] = {name: tuple(fields[name]) for name in _FINGERS}
-    parts |= {name: np.array(fields[name], np.float64).reshape(shape) for name, shape in _SHAPES.items()}
-    return FingerClosure(**parts)
+    names = ("reached", "missed")
+    parts: dict[str, Any] = {name: np.array(values, np.float64) for name, values in kept.items() if name not in names}
+    return FingerClosure(**parts, **{name: tuple(kept[name]) for name in names})

@@ -3,8 +3,7 @@
 What hangs on no joint stands still, or is free with `--free`, unless the file fixes it to the world: in a URDF by a
 link named `world`, in an MJCF that has joints by having none itself. A joint follows the motion where that has values
 for its name or its link's, or where both have one joint alone. Any other one stands where the file begins, at the value
-nearest to 0 within its limits (URDF) or at its ref (MJCF), or is free with `--free`. Values beyond the limits that are
-all within them with the other sign are taken so: two files may turn an axis opposite ways.
+nearest to 0 within its limits (URDF) or at its ref (MJCF), or is free with `--free`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,19 +11,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.linkage.file import link_mesh, read_linkage
 from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
 from hhsim.mesh.mesh import Mesh
-from hhsim.scene.body import triple
+from hhsim.scene.body import Joint, Keyframe, triple
 from hhsim.scene.body_file import BodyFile, BodySettings
-from hhsim.scene.joint import JointSettings, Keyframe
 
 UNDER, NONE = "under", "none"
-Motions = Mapping[str, Sequence[Keyframe]]
 
 
 def linkage_bodies(
@@ -49,8 +44,8 @@ def linkage_bodies(
         table = given.pop("table", None)
         if given and len(linkage.links) > 1:
             raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
-        motions, notes = joint_motions(linkage, motion)
-        bodies = [_body(linkage, link, motions, free is not None, given) for link in linkage.links]
+        moved = _moved_joints(linkage, motion)
+        bodies = [_body(linkage, link, moved, free is not None, given) for link in linkage.links]
         if free is not None:
             if not any(body.is_free for body in bodies):
                 raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
@@ -64,38 +59,33 @@ def linkage_bodies(
             link.name: link_mesh(linkage, link.name, str(path), link.name in solids or solid) for link in linkage.links
         }
         first = linkage.links[0].name
-        meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *notes))
+        meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *linkage.notes))
         return BodyFile(tuple(bodies)).body, meshes
 
 
-def joint_motions(linkage: Linkage, motion: object) -> tuple[dict[str, tuple[Keyframe, ...]], list[str]]:
-    """Return the keyframes of each joint that a motion moves, by the name of its link, and notes on them.
+def _moved_joints(linkage: Linkage, motion: object) -> dict[str, Joint]:
+    """Return each joint that a motion moves, by the name of its link.
 
     Raises UnknownNameError for a joint that the file has not, InputError for values beyond its limits.
     """
-    given: Motions = dict(getattr(motion, "joints", ()))
+    given: Mapping[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     joints = {child: joint for child, joint in linkage.joints.items() if joint.type != "free"}
     known = {joint.name: child for child, joint in joints.items()} | {child: child for child in joints}
-    notes, found = list(linkage.notes), dict[str, tuple[Keyframe, ...]]()
     if len(given) == 1 and len(joints) == 1:
         (word,), (child,) = given, joints
         known.setdefault(word, child)
     check_known("joint", given, known)
+    found: dict[str, Joint] = {}
     for word, keyframes in given.items():
-        child = known[word]
-        joint = joints[child]
-        values = np.array([value for _, value in keyframes])
-        least, most = joint.limits or (-np.inf, np.inf)
-        if not ((values >= least) & (values <= most)).all() and ((-values >= least) & (-values <= most)).all():
-            keyframes = [(time, -value) for time, value in keyframes]
-            notes.append(f"joint '{joint.name}' turns the other way round than '{word}' in the motion: see its limits")
+        joint = joints[known[word]]
         with named(f"joint '{joint.name}'"):
-            _settings(joint).moved(keyframes)
-        found[child] = tuple(keyframes)
-    return found, notes
+            found[known[word]] = _settings(joint).moved(keyframes)
+    return found
 
 
-def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Mapping[str, Any]) -> BodySettings:
+def _body(
+    linkage: Linkage, link: Link, moved: Mapping[str, Joint], free: bool, given: Mapping[str, Any]
+) -> BodySettings:
     joint, own = linkage.joints.get(link.name), link.inertial
     frame = HERE if joint is None else joint.frame
     about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion or 0.0}
@@ -107,8 +97,8 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
     about |= given
     if joint is None or joint.type == "free":
         about["fixed"] = not free or (joint is None and linkage.on_world)
-    elif link.name in motions:
-        about["joint"] = _settings(joint).moved(motions[link.name])
+    elif link.name in moved:
+        about["joint"] = moved[link.name]
     else:
         # A joint that nothing moves stands by a motion of one value.
         settings = _settings(joint)
@@ -118,8 +108,8 @@ def _body(linkage: Linkage, link: Link, motions: Motions, free: bool, given: Map
     return BodySettings(name=link.name, mesh=link.name, **about)
 
 
-def _settings(joint: LinkJoint) -> JointSettings:
-    return JointSettings(
+def _settings(joint: LinkJoint) -> Joint:
+    return Joint(
         type="slider" if joint.type == "slider" else "hinge",
         axis=triple(joint.axis),
         origin=triple(joint.origin),

@@ -1,13 +1,12 @@
 """Catalogue of motions, and the motion that a name or a path on the command line means.
 
-A trajectory is a catalogue name (`grasp`), a script or demonstration (`.toml`), a trajectory (`.h5`, `.csv`), a result
-or live session (`.h5`), or any other recording, which is imported as `hhsim import` does.
+A trajectory is a catalogue name (`grasp`), a script (`.toml`), a trajectory (`.h5`, `.csv`), a result or live session
+(`.h5`), or any other recording, which is imported as `hhsim import` does.
 """
 
 import functools
 from collections.abc import Mapping
-from importlib.resources import files
-from importlib.resources.abc import Traversable
+from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -17,15 +16,14 @@ from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_kn
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
-from hhsim.scene.demonstration import Demonstration, is_demonstration, parse_demonstration
 from hhsim.scene.script import Script, parse_script
 from hhsim.system.input_file import media_kind_of
-from hhsim.system.settings_file import parse_toml, read_toml_text
+from hhsim.system.settings_file import read_toml_text
 
 if TYPE_CHECKING:
     from hhsim.recordings.recording import Recording
 
-Motion: TypeAlias = Script | Demonstration | Trajectory
+Motion: TypeAlias = Script | Trajectory
 """Motion of a hand, as a word on the command line names it."""
 Reading: TypeAlias = Mapping[str, Any]
 """Fields of `hhsim.recordings.registry.ReadOptions` for a recording that is imported, paths as texts."""
@@ -85,70 +83,81 @@ def is_imported(path: Path) -> bool:
 
 
 def trajectory_names() -> list[str]:
-    """Return the names of all shipped scripts, in the order of `ORDER`, then of the demonstrations."""
-    return [*script_names(), *sorted(_names()[1])]
+    """Return the names of all shipped scripts, in the order of `ORDER`, then of the recordings."""
+    return [*script_names(), *_names(RECORDING_SUFFIXES[0])]
 
 
 def script_names() -> list[str]:
     """Return the names of all shipped scripts, in the order of `ORDER`."""
-    names = _names()[0]
-    return [name for name in ORDER if name in names] + sorted(names.difference(ORDER))
+    names = _names(SCRIPT_SUFFIX)
+    return [name for name in ORDER if name in names] + [name for name in names if name not in ORDER]
 
 
 @functools.cache
-def _names() -> tuple[frozenset[str], frozenset[str]]:
-    entries = [entry for entry in files("hhsim.trajectories").iterdir() if entry.name.endswith(SCRIPT_SUFFIX)]
-    tables = {entry.name: parse_toml(entry.read_text(encoding="utf-8"), entry.name) for entry in entries}
-    recorded = frozenset(name.removesuffix(SCRIPT_SUFFIX) for name, table in tables.items() if is_demonstration(table))
-    return frozenset(name.removesuffix(SCRIPT_SUFFIX) for name in tables) - recorded, recorded
+def _names(suffix: str) -> tuple[str, ...]:
+    entries = (entry.name for entry in files("hhsim.trajectories").iterdir())
+    return tuple(sorted(name.removesuffix(suffix) for name in entries if name.endswith(suffix)))
 
 
 def load_script(name: str) -> Script:
     """Return the shipped script of a name; UnknownNameError lists the near names."""
     check_known("trajectory", [name], script_names())
-    script = _shipped(name)
-    assert isinstance(script, Script)
-    return script
+    file = f"{name}{SCRIPT_SUFFIX}"
+    text = (files("hhsim.trajectories") / file).read_text(encoding="utf-8")
+    return parse_script(text, name=name, where=f"trajectories/{file}")
+
+
+def _shipped_recording(name: str) -> Trajectory:
+    from hhsim.motion.file import load_trajectory
+
+    with as_file(files("hhsim.trajectories") / f"{name}{RECORDING_SUFFIXES[0]}") as path:
+        return load_trajectory(path)
 
 
 def describe(name: str) -> TrajectoryDescription:
-    """Return the catalogue entry of a shipped script or demonstration; UnknownNameError lists the near names."""
+    """Return the catalogue entry of a shipped script or recording; UnknownNameError lists the near names."""
     check_known("trajectory", [name], trajectory_names())
-    found = _shipped(name)
-    if isinstance(found, Script):
-        show, objects, figures = found.show, found.objects, tuple(use.figure for use in found.paper)
-        duration, rate, fingers = found.duration, found.rate, found.fingers if found.contact else ()
-        phases = tuple(phase.name for phase in found.phases)
-    else:
-        show, objects, figures, motion = "", (), (), found.motion
-        duration, rate, fingers = motion.duration, motion.mean_rate, (found.touch.finger,)
-        phases = tuple(phase.name for phase in motion.phases)
+    if name not in script_names():
+        motion = _shipped_recording(name)
+        title, line = f"Recorded from a real hand, {motion.device}", f"hhsim replay {USUAL_OBJECT} {name}"
+        about = title, motion.source, motion.duration, motion.mean_rate, (), ()
+        return TrajectoryDescription(name, *about, objects=(USUAL_OBJECT,), figures=(), line=line)
+    found = load_script(name)
     # `show` is an object and options.
-    object_, _, options = (show or (*objects, USUAL_OBJECT)[0]).partition(" ")
-    line = f"hhsim replay {object_} {name} {options}".rstrip()
-    about = found.title, found.stresses, duration, rate, fingers, phases, objects, figures
-    return TrajectoryDescription(name, *about, line)
+    object_, _, options = (found.show or (*found.objects, USUAL_OBJECT)[0]).partition(" ")
+    return TrajectoryDescription(
+        name=name,
+        title=found.title,
+        stresses=found.stresses,
+        duration=found.duration,
+        rate=found.rate,
+        fingers=found.fingers if found.contact else (),
+        phases=tuple(phase.name for phase in found.phases),
+        objects=found.objects,
+        figures=tuple(use.figure for use in found.paper),
+        line=f"hhsim replay {object_} {name} {options}".rstrip(),
+    )
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:
     """Return True if the paper shows the scene of a result's description: its motion on one of its objects."""
     motion, object_ = str(description.get("trajectory")), description.get("object")
-    return motion in _names()[0] and any(object_ in use.objects for use in load_script(motion).paper)
+    return motion in script_names() and any(object_ in use.objects for use in load_script(motion).paper)
 
 
 def resolve_trajectory(name_or_path: str | Path, reading: Reading | None = None) -> Motion:
-    """Return the script, demonstration or recording that a word on the command line means; a catalogue name wins.
+    """Return the script or recording that a word on the command line means; a catalogue name wins.
 
     Raises UnknownNameError for neither a catalogue name nor a path with a known suffix; TrajectoryError for no such
     file, or one that is not what its suffix says.
     """
     word = str(name_or_path)
     if word in trajectory_names():
-        return _shipped(word)
+        return load_script(word) if word in script_names() else _shipped_recording(word)
     path = Path(word)
     suffix = path.suffix.lower()
     if suffix == SCRIPT_SUFFIX:
-        return _parsed(read_toml_text(path, "script", TrajectoryError), path.stem, path.parent, str(path))
+        return parse_script(read_toml_text(path, "script", TrajectoryError), name=path.stem, where=str(path))
     if suffix in RECORDING_SUFFIXES or suffix in imported_suffixes():
         return load_recorded(path, reading)
     if path.exists() or "/" in word:
@@ -213,14 +222,3 @@ def clean_imported(path: Path, recording: "Recording") -> Trajectory:
         return clean_recording(recording).trajectory
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error}") from None
-
-
-def _shipped(name: str) -> Script | Demonstration:
-    folder, file = files("hhsim.trajectories"), f"{name}{SCRIPT_SUFFIX}"
-    return _parsed((folder / file).read_text(encoding="utf-8"), name, folder, f"trajectories/{file}")
-
-
-def _parsed(text: str, name: str, folder: Path | Traversable, where: str) -> Script | Demonstration:
-    if is_demonstration(parse_toml(text, where, TrajectoryError)):
-        return parse_demonstration(text, name=name, folder=folder, where=where)
-    return parse_script(text, name=name, where=where)

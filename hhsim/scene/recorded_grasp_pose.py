@@ -18,12 +18,11 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.motion.trajectory import Trajectory
 from hhsim.reproducible import across, matmul, norm
-from hhsim.scene.demonstration import START_GAP, Candidate, placed_by, upright_turn, upright_turns
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -53,6 +52,20 @@ MOST_DEPTH = 0.012
 """Depth [m] from which a finger is too deep."""
 IN = 0.0005
 """A finger this deep [m] in the object at the grasp is named."""
+
+
+TURNS = 12
+"""Number of turns of the object about the vertical."""
+START_GAP = 0.002
+"""Least distance [m] of the hand at the start."""
+
+
+class Candidate(NamedTuple):
+    """A placement in the object's frame: turn of the object [rad], shift of the hand [m], shape (3,), and score."""
+
+    turn: float
+    shift: FloatArray
+    score: float
 
 
 class Grasp(NamedTuple):
@@ -133,13 +146,20 @@ def place_at_grasp(motion: Trajectory, hand: HandModel, tree: SphereTree) -> Gra
     distance = search.distances(best, np.array([0, grasp.sample]))
     depth = -distance[1, :PALM_BODY].reshape(len(FINGERS), PHALANX_COUNT).min(axis=1)
     return GraspPlacement(
-        motion=placed_by(motion, best.shift, best.turn),
+        motion=motion.placed(
+            -matmul(_upright_turn(best.turn), best.shift), quaternion(np.array([0.0, 0.0, best.turn]))
+        ),
         grasp=grasp,
         time=float(motion.time[grasp.sample] - motion.time[0]),
         fingers=tuple(finger for finger, deep in zip(FINGERS, depth) if deep > IN),
         depth=float(max(0.0, depth.max())),
         start_gap=float(distance[0].min()),
     )
+
+
+def _upright_turn(angle: float) -> FloatArray:
+    """Return the rotation matrix of an angle [rad] about the vertical, shape (3, 3)."""
+    return rotation_matrix(quaternion(np.array([0.0, 0.0, angle])))
 
 
 class _Approach(NamedTuple):
@@ -175,7 +195,7 @@ class _Search:
 
     def distances(self, candidate: Candidate, samples: IntArray) -> FloatArray:
         """Signed distance of every body at some samples [m], shape (N, 16)."""
-        back, motion, found = upright_turn(candidate.turn).T, self.motion, []
+        back, motion, found = _upright_turn(candidate.turn).T, self.motion, []
         for sample in samples.tolist():
             position = matmul(back, motion.position[sample]) + candidate.shift
             rotation = matmul(back, self.rotation[sample])
@@ -189,7 +209,8 @@ class _Search:
         far = size + 0.3
         gap = np.zeros(BODY_COUNT)
         approaches = list(self._approaches())
-        for turn, back in upright_turns():
+        for turn in 2.0 * np.pi * np.arange(TURNS) / TURNS:
+            back = _upright_turn(turn).T
             palm = matmul(back, self.motion.position[self.grasp.sample])
             rotation = matmul(back, self.rotation[self.grasp.sample])
             for approach in approaches:

@@ -15,7 +15,6 @@ from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajecto
 from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace, check_names
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.motion_catalogue import Motion, resolve_trajectory
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned, synthesize
@@ -160,20 +159,6 @@ def hand_of(motion: Motion, side: Side | None = None, hand_file: str | Path | No
     return HandModel.default(side) if hand_file is None else HandModel.from_toml(hand_file, side)
 
 
-def on_object(
-    motion: Motion, hand: HandModel, tree: SphereTree, seed: int = 0, other: OtherHand | None = None
-) -> Trajectory:
-    """Return the trajectory of a motion on an object, whose tree [m] is in its own frame.
-
-    A recording has the object's pose; a script closes on the object where it is, beside the `other` hand; a
-    demonstration places the object where the recorded hand touches it. `seed` is of a script's tremor and sensor noise.
-    Raises TrajectoryError for a script or a demonstration that cannot be done on this object.
-    """
-    if isinstance(motion, Script):
-        return synthesize(motion, hand, tree, seed, other=other)
-    return motion.placed(hand, tree) if isinstance(motion, Demonstration) else motion
-
-
 def scene_of(
     bodies: DeclaredBodies,
     hands: Sequence[HandModel],
@@ -187,24 +172,24 @@ def scene_of(
 ) -> Scene:
     """Make a scene of bodies with their trees, and of one hand, or the right and the left one, with its motion.
 
-    The first hand's motion places the bodies. In a script the second hand finds its place beside the first one, which
-    finds its own beside the `other` one. Further arguments and errors are those of `open_scene` and `on_object`.
+    The first hand's motion places the bodies. A script closes on them where they are, the second hand beside the first
+    one, which finds its place beside the `other` one; `seed` is of its tremor and sensor noise. Further arguments and
+    errors are those of `open_scene`; TrajectoryError for a script that cannot be done on these bodies.
     """
-    first = on_object(motions[0], hands[0], bodies.tree, seed, other)
-    trajectories = [first]
-    for hand, motion in zip(hands[1:], motions[1:]):
+    trajectories: list[Trajectory] = []
+    for hand, motion in zip(hands, motions):
         if isinstance(motion, Script):
-            beside = OtherHand(hands[0], planned(motion, hands[0], bodies.tree))
-            trajectories.append(on_object(motion, hand, bodies.tree, seed, beside))
-            continue
-        own = on_object(motion, hand, bodies.tree, seed)
-        still = first.object_motion is None
-        trajectories.append(own.placed(first.object_position, first.object_orientation) if still else own)
+            beside = OtherHand(hands[0], planned(motion, hands[0], bodies.tree)) if trajectories else other
+            trajectories.append(synthesize(motion, hand, bodies.tree, seed, other=beside))
+        elif trajectories and trajectories[0].object_motion is None:
+            trajectories.append(motion.placed(trajectories[0].object_position, trajectories[0].object_orientation))
+        else:
+            trajectories.append(motion)
     ticks = [trajectory.resampled(rate, mode) for trajectory in trajectories]
     require_one_object(trajectories)
     described = {"object_name": bodies.name, **(description or {})}
     made = tuple(Hand(*of_hand) for of_hand in zip(hands, trajectories, ticks))
-    return Scene(made, bodies.placed(ticks[0], first), described)
+    return Scene(made, bodies.placed(ticks[0], trajectories[0]), described)
 
 
 def require_one_object(trajectories: Sequence[Trajectory]) -> None:

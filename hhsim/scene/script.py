@@ -1,56 +1,9 @@
-"""Trajectory scripts: TOML files that say what a hand does to any object, without coordinates.
+"""Trajectory scripts: what a hand does to any object, without coordinates, as TOML; docs/toml.md has the keys.
 
 Where the hand goes and how far each finger closes is found on the object (`hhsim.scene.closure_search`), or stored with
 the script where named parts must be touched ("thumb in the handle"). Such a place was searched for once
 (`git show cc03b797:tools/placement_search.py`); how far each finger closes still follows from the object's spheres, so
-another sphere tree needs no other place. Keys, with their defaults::
-
-    title, stresses = ""   # what the hand does, and what that demands of a method
-    rate = 1000.0          # samples a second [Hz]
-    contact = true         # false: the whole hand keeps `clearance` and closes in the air
-    depth = 0.015          # fingertips are commanded this much deeper than first contact [m]
-    clearance = 0.005      # least distance of fingers that no phase names, and of the palm unless palm_depth > 0 [m]
-    palm_gap = 0.005       # wanted distance between palm and object [m]
-    palm_depth = 0.0       # > 0: the palm touches too and is commanded this deep [m]
-    start_distance = 0.12  # the hand starts this far back from its place [m]
-    curl = 1.0             # flexion of the second joint per 1 rad of the first; the third follows with 2/3 of it
-    objects = []           # catalogue objects that it is for, each with a placement; empty: any object
-    show = ""              # object and options of hhsim replay that show it, within all limits; "": the first, or bunny
-
-    [[phase]]              # the first one is an approach; every phase has a duration [s]
-    name = "approach"      # comes near with open fingers
-    # touch, pinch, grasp: `fingers` close, all others open; default: index; thumb and index; all
-    # hold: nothing moves; `touch = { thumb = "handle", index = "anywhere" }` must hold at its end (contact_goals.py)
-    # slide: the palm moves along the object by `distance` [m], the fingers still commanded deep
-    # push: the hand goes on by `distance` [m] where its fingers press, level
-    # carry: hand and object go along a level arc of `distance` [m] and `turn` [rad] about the vertical; default: 0
-    # lift: the hand alone goes up by `distance` [m]; a free object follows if it is held
-    # move: the hand alone goes by `way` = [x, y, z] [m], world; a free object follows if it is held
-    # shake: `cycles` (default: 4) swings of up to `distance` [m], level and across the palm
-    # turn: by `turn` [rad] about the fingers' direction, level, through the object's middle
-    # slip: the fingers ease until they would just touch
-    # release: the fingers open and the hand goes back to its start
-    # of two hands: `hand = "right"` has only that one do an approach, a closing phase, a slide, push, slip or release
-
-    [tremor]               # seeded ellipses of the palm's `position` [m] and `rotation` [rad]; `frequency` = 10.0 [Hz]
-    [sensor]               # joint angles: `counts` a full turn (0: not quantised), `noise` before quantisation [rad]
-    [[placement]]          # a hand's place on one object, in the object's frame
-    object = "cup"                       # catalogue name
-    position = [0.03, 0.0, 0.12]         # palm origin where the fingers close [m]
-    orientation = [1.0, 0.0, 0.0, 0.0]   # palm to object, (w, x, y, z)
-    back = [0.0, 0.0, 1.0]               # direction from which the hand comes and into which it retreats
-    open = [0.0, 0.2, 0.0, 0.0, 0.0]     # flexion of the first joints beyond the open hand's [rad]
-    abduction = [0.0, 0.0, 0.0, 0.0, 0.0]   # [rad]
-    slide = [1.0, 0.0, 0.0]              # direction of a slide; only in scripts that have one
-    mirror = [1.0, 0.0, 0.0]             # normal of a plane through the origin: the left hand's place is the image
-    hands = "one"                        # both: the right hand's place beside the left one; else both have that of one
-
-    [joint]                # motion of joints (joint.py), by the name of the body on each, instead of their own
-    lid = [[0.0, 1.5], [2.0, 0.3]]       # (time [s], value [rad] or [m]), straight between
-
-    [[paper]]              # where the paper shows it: `figure`, `objects`, `case` and `instances` (default: 1)
-
-Each phase moves by minimum jerk: 10τ³ − 15τ⁴ + 6τ⁵ (Flash & Hogan, J. Neuroscience 5, 1985).
+another sphere tree needs no other place.
 """
 
 import math
@@ -70,8 +23,8 @@ from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.mesh.catalogue import body_file_names, object_names
 from hhsim.motion.tremor import Disturbance
 from hhsim.reproducible import matmul, norm
+from hhsim.scene.body import Keyframe
 from hhsim.scene.contact_goals import ANYWHERE, PALM, Touch, TouchTable, touches_of
-from hhsim.scene.joint import Keyframe
 from hhsim.system.settings_file import Settings, a_list, between, one_of, parse_settings
 
 DEFAULT_FINGERS: dict[str, tuple[str, ...]] = {"touch": ("index",), "pinch": ("thumb", "index"), "grasp": FINGERS}
@@ -105,7 +58,7 @@ MAX_SAMPLES = 10_000_000
 
 @dataclass(frozen=True)
 class ScriptPhase:
-    """One phase of a script; the module's docstring explains the fields.
+    """One phase of a script; docs/toml.md explains the fields.
 
     A closing phase has `fingers`; a hold has `touch`, the touches demanded at its end, None where they are left open.
     `hand` is the one that does it, None for both.
@@ -140,7 +93,7 @@ class PaperUse(Settings, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Place of a hand on one object; the module's docstring explains the fields.
+    """Place of a hand on one object; docs/toml.md explains the fields.
 
     Directions have unit length; `open` and `abduction` have shape (5,); `slide` is zero in a script without one,
     `mirror` where the place is the right hand's alone.
@@ -169,7 +122,7 @@ OfFingers = tuple[Number, Number, Number, Number, Number]
 
 
 class PlacementTable(Settings, frozen=True):
-    """Table [[placement]] of a script; the module's docstring explains the keys."""
+    """Table [[placement]] of a script; docs/toml.md explains the keys."""
 
     object: str
     position: Three
@@ -202,7 +155,7 @@ class PlacementTable(Settings, frozen=True):
 
 @dataclass(frozen=True)
 class Script:
-    """A checked script; the module's docstring explains the fields."""
+    """A checked script; docs/toml.md explains the fields."""
 
     name: str
     phases: tuple[ScriptPhase, ...]
@@ -318,22 +271,16 @@ class _PhaseTable(Settings, frozen=True):
             raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
 
     def phase(self) -> ScriptPhase:
-        fingers = self.fingers or DEFAULT_FINGERS.get(self.name, ())
-        return ScriptPhase(
-            self.name,
-            self.duration,
-            fingers=tuple(finger for finger in FINGERS if finger in fingers),
-            distance=self.distance or 0.0,
-            turn=self.turn or 0.0,
-            cycles=ScriptPhase.cycles if self.cycles is None else self.cycles,
-            touch=None if self.touch is None else touches_of(self.touch),
-            hand=self.hand,
-            way=self.way or (0.0, 0.0, 0.0),
-        )
+        closing = self.fingers or DEFAULT_FINGERS.get(self.name, ())
+        keys = ("distance", "turn", "cycles", "hand", "way")
+        given: dict[str, Any] = {key: value for key in keys if (value := getattr(self, key)) is not None}
+        touch = None if self.touch is None else touches_of(self.touch)
+        fingers = tuple(finger for finger in FINGERS if finger in closing)
+        return ScriptPhase(self.name, self.duration, fingers, touch=touch, **given)
 
 
 class ScriptTable(Settings, frozen=True, kw_only=True):
-    """TOML document of a script; the module's docstring explains the keys."""
+    """TOML document of a script; docs/toml.md explains the keys."""
 
     title: str = ""
     stresses: str = ""

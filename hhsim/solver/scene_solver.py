@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
@@ -163,7 +164,7 @@ def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
         return FreeObject.of_mesh(body.placed_mesh, **about)
     if (joint := body.joint) is not None:
         limits = joint.limits and (joint.limits[0] - joint.value, joint.limits[1] - joint.value)
-        about["joint"] = replace(joint, limits=limits, value=0.0)
+        about["joint"] = structs.replace(joint, limits=limits, start=None)
     return FreeObject(**vars(body.motion), **about)
 
 

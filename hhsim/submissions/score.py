@@ -20,10 +20,10 @@ from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.replay.recorded_verdict import STATED_TIMES
 from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
+from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import add_document
 from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene

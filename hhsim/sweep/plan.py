@@ -21,7 +21,6 @@ from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
 from hhsim.replay.run_inputs import USUAL_SCENE
-from hhsim.scene.demonstration import Demonstration
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
@@ -257,8 +256,7 @@ class _Motion:
         found = resolve_trajectory(word)
         if isinstance(found, Script):
             return cls(found.sample_count / found.rate, False, found.objects)
-        recorded = found.motion if isinstance(found, Demonstration) else found
-        return cls(recorded.duration, True, (), tuple(import_remarks(found, word)))
+        return cls(found.duration, True, (), tuple(import_remarks(found, word)))
 
     def ticks(self, rate: float, most: int | None) -> int:
         count = round(self.duration * rate) + self.closed

@@ -40,7 +40,6 @@ READ_ALL_THE_SAME = {
 WRITERS = {
     "hhsim/system/atomic_write.py": "the writers that all others use",
     "hhsim/result/writer.py": "a result grows in a file that was not there",
-    "hhsim/result/merge.py": "into a partial file",
     "hhsim/result/csv_export.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
     "hhsim/sweep/repair_manifest.py": "the null device",

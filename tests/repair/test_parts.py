@@ -37,7 +37,7 @@ from hhsim.repair.skin_depth import push_out, skin_depth
 from hhsim.repair.tracks import HandJudge
 from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
-from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, tree_maker
@@ -75,7 +75,7 @@ LAPTOP = (
 def laptop() -> Scene:
     """Both hands at a laptop that is shut."""
     script = load_script("close")
-    bodies = load_bodies("laptop", script).with_trees(tree_maker(1))
+    bodies = load_object("laptop", script).with_trees(tree_maker(1))
     words = SceneWords(object="laptop", trajectory="close")
     return described_scene(words, bodies, HANDS, (script.of_two(), script.of_two())).scene
 
@@ -302,7 +302,7 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_thing_begins_at_a_later_time() -> None:
-    bodies = load_bodies("laptop", load_script("close"))
+    bodies = load_object("laptop", load_script("close"))
     time = np.linspace(0.0, 2.0, 5)
     begun, whole = (bodies.begun(0.9).path(time)["lid"], bodies.path(time + 0.9)["lid"])
     np.testing.assert_allclose(np.hstack(begun), np.hstack(whole), atol=1e-12)

@@ -91,13 +91,12 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedRepl
     assert "µs" in both.note and "come within" in both.note
 
 
-def test_both_hands_are_an_axis_of_a_data_set_and_columns_of_a_table(both: TwoHandedReplay) -> None:
+def test_both_hands_are_an_axis_of_a_data_set(both: TwoHandedReplay) -> None:
     pytest.importorskip("xarray")
     found = load_result(both.path)
-    made, table = found.to_xarray(), found.to_pandas(["force/size", "between"])
+    made = found.to_xarray()
     for name, hand in found.hands.items():
         np.testing.assert_array_equal(made["force/total"].sel(hand=name), hand["force/total"])
-        np.testing.assert_array_equal(table[f"force/size[{name}]"], np.linalg.norm(hand["force/total"], axis=1))
     assert made["between/graphic"].dims == ("time",)
 
 

@@ -22,10 +22,10 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
-from hhsim.replay.recorded_verdict import checked_figures, read_ticks
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import summary_rows
+from hhsim.replay.verdict import checked_figures, read_ticks
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import CHARTS, check_report_path, make_report, write_report
 from hhsim.result.reader import load_result

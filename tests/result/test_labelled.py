@@ -1,4 +1,4 @@
-"""A result for analysis: xarray, pandas and matplotlib are given the values of the file, with names and units."""
+"""A result for analysis: xarray is given the values of the file, with names and units."""
 
 import sys
 
@@ -35,38 +35,9 @@ def test_a_data_set_has_every_value_by_name_with_its_unit(result: Result) -> Non
     assert set(result.to_xarray(["force"])) == {name for name in made if str(name).startswith("force/")}
 
 
-def test_a_table_has_a_column_for_each_element(result: Result) -> None:
-    pytest.importorskip("pandas")
-    table = result.to_pandas()
-    assert table.index.name == "time" and table.index.tolist() == result["time"].tolist()
-    np.testing.assert_array_equal(table["force/phalanx[thumb,distal,y]"], result["force/phalanx"][:, 0, 2, 1])
-    np.testing.assert_array_equal(table["force/size"], np.linalg.norm(result["force/total"], axis=1))
-    assert table.shape[1] == 1 + sum(int(np.prod(column.shape)) for column in TICK_COLUMNS[1:]) + 6
-    assert table.attrs["units"]["graphic/joints[little,tip,x]"] == "m"
-    assert table.groupby("phase", observed=True)["lag"].count()["hold"] == len(result["lag"][result.phase("hold")])
-
-
-def test_one_call_draws_what_is_asked_for(result: Result) -> None:
-    from matplotlib import pyplot
-
-    drawn = result.plot()
-    curves = drawn.get_legend_handles_labels()[1]
-    assert curves == ["force/size", *FINGERS] and drawn.get_ylabel() == "force [N]"
-    np.testing.assert_array_equal(drawn.lines[0].get_ydata(), np.linalg.norm(result["force/total"], axis=1))
-    assert [text.get_text() for text in drawn.texts] == [phase.name for phase in result.phases]
-    assert result.plot("graphic/position", ax=drawn) is drawn and drawn.get_ylabel() == "graphic/position [m]"
-    assert len(result.plot("penetration_depth").lines) == 1 + len(result.phases)
-    with pytest.raises(InputError, match="graphic has rows along time in units of 1, m, rad: expected"):
-        result.plot("graphic")
+def test_without_its_package_one_line_says_what_to_install(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match=r"^xarray is not installed: pip install 'hhsim\[xarray\]'$"):
+        result.to_xarray()
     with pytest.raises(UnknownNameError, match="did you mean force/total"):
-        result.plot("force/totl")
-    pyplot.close("all")
-
-
-@pytest.mark.parametrize("package", ["xarray", "pandas"])
-def test_without_its_package_one_line_says_what_to_install(
-    package: str, result: Result, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(InputError, match=rf"^{package} is not installed: pip install 'hhsim\[{package}\]'$"):
-        getattr(result, f"to_{package}")()
+        result.to_xarray(["force/totl"])

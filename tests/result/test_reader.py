@@ -21,6 +21,7 @@ from sealed_change import changed
 
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
+from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
     BODY_STATIC,
@@ -37,7 +38,7 @@ from hhsim.result.schema import (
     hand_tables,
     sample_columns,
 )
-from hhsim.result.writer import BodyPart, HandPart, ResultWriter
+from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_holds
 
@@ -65,7 +66,7 @@ def static(columns: Sequence[Column]) -> Arrays:
 def opened(path: Path, *, live: bool = False, of_body: Arrays | None = None, **more: Any) -> ResultWriter:
     """The writer of a result of one hand and one body."""
     hands = {"right": HandPart(SCENE, static(HAND_STATIC), EXTRA if live else {})}
-    bodies = {"bunny": BodyPart("fixed", static(BODY_STATIC) | (of_body or {}))}
+    bodies = {"bunny": Body("fixed", static(BODY_STATIC) | (of_body or {}))}
     return ResultWriter(path, hands=hands, bodies=bodies, **more)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from hhsim.errors import InputError
 from hhsim.scene.body import Driven, Fixed, Free
-from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.scene import open_scene
 from hhsim.solver.scene_solver import seen_scene
 
@@ -81,7 +81,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
         ("mass = 0.05", HINGE + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits; expected 0.1"),
         ("mass = 0.05", HINGE + 'joint.on = "table"', "unknown body 'table'"),
         ("fixed = true", "fixed = true\n" + HINGE, "'wall' has both fixed and joint"),
-        ("mass = 0.05", SLIDER.replace("1.0]", "0.0]"), "axis has length 0"),
+        ("mass = 0.05", SLIDER.replace("1.0]", "0.0]"), "the axis of the slider has length 0"),
         ("mass = 0.05", SLIDER + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits"),
         ("fixed = true", f"fixed = true\n{DRIVEN}", "'wall' has both fixed and joint"),
         ('plane = "under"', 'plane = "under"\n' + HINGE, "'table' is a plane, which stays where it is"),
@@ -91,7 +91,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
 def test_bad_files_of_bodies_are_refused_in_one_line(tmp_path: Path, before: str, after: str, message: str) -> None:
     assert before in TWO
     with pytest.raises(InputError, match=message) as refused:
-        load_bodies(written(tmp_path, TWO.replace(before, after)))
+        load_object(written(tmp_path, TWO.replace(before, after)))
     assert "\n" not in str(refused.value)
 
 
@@ -107,10 +107,10 @@ def test_a_driven_body_begins_where_its_joint_has_it_and_goes_on_from_there(tmp_
     np.testing.assert_allclose(shift, wanted[:, None] * [0.0, 1.0, 0.0], atol=1e-12)
     assert (wall.motion.poses.orientation == [1.0, 0.0, 0.0, 0.0]).all()
     script = SimpleNamespace(name="", joints=(("wall", ((0.0, 0.0), (1.0, 0.2))),))
-    path = load_bodies(word, script, solid=False).path(np.array([0.5]))
+    path = load_object(word, script, solid=False).path(np.array([0.5]))
     np.testing.assert_allclose(path["wall"].position, [[0.2, 0.1, 0.05]])
     with pytest.raises(InputError, match="unknown joint 'lid'"):
-        load_bodies(word, SimpleNamespace(name="", joints=(("lid", ((0.0, 0.0),)),)), solid=False)
+        load_object(word, SimpleNamespace(name="", joints=(("lid", ((0.0, 0.0),)),)), solid=False)
 
 
 def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_path: Path) -> None:
@@ -121,13 +121,13 @@ def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_pat
     np.save(tmp_path / "wall.npy", rows)
     given = TWO.replace("fixed = true", 'poses = { file = "wall.npy", rate = 30.0, unit = "m" }')
     word = written(tmp_path, given.replace("[0.2, 0.0, 0.05]", "[0.0, 0.0, 0.05]"))
-    found = load_bodies(word, solid=False).drives["wall"](np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    found = load_object(word, solid=False).drives["wall"](np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
     np.testing.assert_allclose(found.position, [[x, 0.0, 0.05] for x in (0.2, 0.2, 0.25, 0.3, 0.3)], atol=1e-9)
     turned = 2.0 * np.arctan2(found.orientation[:, 3], found.orientation[:, 0])
     np.testing.assert_allclose(turned, [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)
     rows[7] = np.nan
     np.save(tmp_path / "wall.npy", rows)
     with pytest.raises(InputError, match="lacks the pose of row 7"):
-        load_bodies(word, solid=False)
+        load_object(word, solid=False)
     with pytest.raises(InputError, match=r"has no stamps; expected rate = 30\.0"):
-        load_bodies(written(tmp_path, given.replace(", rate = 30.0", "")), solid=False)
+        load_object(written(tmp_path, given.replace(", rate = 30.0", "")), solid=False)

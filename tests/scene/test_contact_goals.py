@@ -10,7 +10,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
-from hhsim.scene.contact_goals import Region, Touch, TouchTable, holds, object_region, object_regions, touch_distances
+from hhsim.scene.contact_goals import Touch, TouchTable, holds, object_region, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.system.settings_file import typed
 
@@ -60,22 +60,6 @@ def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) 
 
 
 NAMED = [(name, region) for name in object_names() for region in object_regions(name)]
-
-
-@pytest.mark.parametrize(
-    ("shapes", "message"),
-    [
-        ([], "expected a list such as"),
-        ([{"cone": [0, 0, 0]}], "unknown key 'cone': did you mean cylinder"),
-        ([{"box": [[1, 0, 0], [0, 1, 1]]}], "holds no point"),
-        ([{"box": [[0, 0, 0], [1, 1, 1]], "radius": 1}], "expected a box, a cylinder and its radius"),
-        ([{"sphere": [0, 0, 0]}], "a sphere and its radius"),
-        ([{"cylinder": [[0, 0, 0], [0, 0, 0]], "radius": [1, 1]}], "two different ends"),
-    ],
-)
-def test_what_is_no_region_is_refused(shapes: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        typed(shapes, Region, "x.toml")
 
 
 @pytest.mark.parametrize(("name", "region"), NAMED)

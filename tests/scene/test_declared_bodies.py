@@ -9,7 +9,7 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import body_file_names, names_a_body_file
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.declared_bodies import load_bodies, require_no_joints
+from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
 from hhsim.solver.scene_solver import seen_scene
@@ -18,16 +18,16 @@ from hhsim.solver.scene_solver import seen_scene
 def test_joints_that_a_script_moves_are_those_of_the_bodies() -> None:
     close = resolve_trajectory("close")
     with pytest.raises(InputError, match="close moves the joint lid; cube has none"):
-        require_no_joints(close, "cube")
+        load_object("cube", close)
     with pytest.raises(HhsimError, match="lid"):
-        load_bodies("book", close)
+        load_object("book", close)
 
 
 def test_the_catalogue_has_bodies_that_open_and_close_and_others_that_are_free() -> None:
     assert names_a_body_file("laptop")
     assert names_a_body_file("my/bodies.toml")
     assert not names_a_body_file("cube")
-    loaded = {name: load_bodies(name) for name in body_file_names()}
+    loaded = {name: load_object(name) for name in body_file_names()}
     driven = [name for name, bodies in loaded.items() if not any(body.is_free for body in bodies.settings)]
     assert driven == ["book", "laptop", "scissors"]
     assert sorted(loaded.keys() - driven) == ["blocks", "chest", "door", "drawer", "peg", "pot"]
@@ -56,7 +56,7 @@ def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
 def test_values_beyond_the_limits_are_told() -> None:
     script = SimpleNamespace(name="", joints=(("lid", ((0.0, 3.0),)),))
     with pytest.raises(InputError, match=r"joint lid: motion\[1\] has the value 3, beyond the limits"):
-        load_bodies("laptop", script)
+        load_object("laptop", script)
 
 
 def test_a_box_is_closed_and_wound_outward() -> None:

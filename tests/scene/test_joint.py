@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.scene.body import Joint
 from hhsim.scene.body_file import BodySettings
-from hhsim.scene.declared_bodies import DeclaredBodies, load_bodies
-from hhsim.scene.joint import JointSettings
+from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 
 BASE = '[[body]]\nname = "base"\nmesh = "cube"\nfixed = true\n'
 LID = """[[body]]
@@ -60,7 +60,7 @@ FAULTS = {
         "joints in a circle: lid on base on lid",
     ),
     "itself": (BASE + LID.replace('on = "base"', 'on = "lid"'), "joints in a circle: lid on lid"),
-    "axis": (BASE + LID.replace("2.0, 0.0]\nlimits", "0.0, 0.0]\nlimits"), "axis has length 0"),
+    "axis": (BASE + LID.replace("2.0, 0.0]\nlimits", "0.0, 0.0]\nlimits"), "the axis of the hinge has length 0"),
     "not a number": (BASE + LID.replace("1.5", "nan"), "body[2].joint.motion[2]"),
     "limits": (BASE + LID.replace("[0.0, 2.0]\n", "[2.0, 0.0]\n"), "limits are reversed: 2 is above 0"),
     "value": (BASE + LID.replace("1.5", "2.5"), "motion[2] has the value 2.5, beyond the limits; expected 0 to 2 rad"),
@@ -89,7 +89,7 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
     path = tmp_path / "bodies.toml"
     path.write_text(text)
     with pytest.raises(HhsimError) as raised:
-        load_bodies(path)
+        load_object(path)
     message = str(raised.value)
     assert message.startswith(f"{path}: ")
     assert expected in message
@@ -99,7 +99,7 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
 def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_path: Path) -> None:
     path = tmp_path / "bodies.toml"
     path.write_text(BASE + LID)
-    values = load_bodies(path).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    values = load_object(path).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
     assert list(values) == ["lid"]
     assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
 
@@ -113,7 +113,7 @@ def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) ->
     for file in ("lid.csv", "lid.npz"):
         path = tmp_path / "bodies.toml"
         path.write_text(RECORDED.format(file))
-        assert load_bodies(path).values(np.array([0.5]))["lid"] == 0.75
+        assert load_object(path).values(np.array([0.5]))["lid"] == 0.75
 
 
 ROWS = RECORDED.replace('"angle"', "0, rate = 30.0")
@@ -126,7 +126,7 @@ def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> N
     np.save(tmp_path / "box.object.npy", rows)
     path = tmp_path / "bodies.toml"
     path.write_text(ROWS.format("box.object.npy"))
-    values = load_bodies(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
+    values = load_object(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
 
 
@@ -138,14 +138,14 @@ def test_an_articulation_in_nested_dictionaries_is_named_by_its_keys(tmp_path: P
     np.save(tmp_path / "box.npy", np.array(held, dtype=object))
     path = tmp_path / "bodies.toml"
     path.write_text(NAMED.format("box.npy"))
-    values = load_bodies(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
+    values = load_object(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5], abs=1e-6)
     path.write_text(NAMED.replace("obj_arti", "arti").format("box.npy"))
     with pytest.raises(InputError, match=r"box\.npy: .*params/arti.*params/obj_arti"):
-        load_bodies(path)
+        load_object(path)
     path.write_text(NAMED.replace("obj_arti", "obj_rot").format("box.npy"))
     with pytest.raises(InputError, match=r"box\.npy: shapes \(31,\) and \(31, 3\)"):
-        load_bodies(path)
+        load_object(path)
 
 
 RECORDED_FAULTS: dict[str, tuple[Any, str, str]] = {
@@ -177,7 +177,7 @@ def test_a_fault_of_a_recorded_motion_names_its_file(fault: str, tmp_path: Path)
     path = tmp_path / "bodies.toml"
     path.write_text(text.format(file.name))
     with pytest.raises(InputError) as raised:
-        load_bodies(path)
+        load_object(path)
     message = str(raised.value)
     assert message.startswith(f"{file}: ")
     assert expected in message
@@ -199,7 +199,7 @@ def test_rows_are_named_by_number_and_rate_and_tables_by_names(file: str, keys: 
     path = tmp_path / "bodies.toml"
     path.write_text(RECORDED.replace('column = "angle"', keys).format(file))
     with pytest.raises(InputError) as raised:
-        load_bodies(path)
+        load_object(path)
     rows = file.endswith("npy")
     expected = "column = 0 and rate = 30.0, no time" if rows else "names of column and time, no rate"
     assert str(raised.value).startswith(f"{path}: body[2].joint.recording: {file} has ")
@@ -219,8 +219,8 @@ def test_poses_are_the_products_of_homogeneous_matrices(
     angle: float,
     shift: float,
 ) -> None:
-    hinge = JointSettings("hinge", axis, origin, "base", (-3.0, 3.0), motion=((0.0, angle),))
-    slider = JointSettings("slider", way, on="lid", limits=(-0.3, 0.3), motion=((0.0, shift),))
+    hinge = Joint("hinge", axis, origin, (-3.0, 3.0), on="base", motion=((0.0, angle),))
+    slider = Joint("slider", way, on="lid", limits=(-0.3, 0.3), motion=((0.0, shift),))
     given: dict[str, Any] = {"mesh": "cube", "position": position}
     given_turn = (0.5, 0.5, -0.5, 0.5)
     # The bodies are not in the order of their joints.

@@ -90,5 +90,5 @@ def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     unknown = {name for name in needed if not name.startswith(by_content) and not name.endswith("__init__.py")}
     # Not what is searched for, but what a script says of its end and of joints, and how closures are kept and told.
     other = {"arrays.py", "errors.py", "ranges.py", "scene/contact_goals.py", "scene/kept_closures.py"}
-    other |= {"scene/body.py", "scene/joint.py"}
+    other |= {"scene/body.py"}
     assert unknown - {*kept_closures._SOURCES} == other

@@ -16,6 +16,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
@@ -29,6 +30,7 @@ from hhsim.scene.motion_catalogue import (
     load_script,
     resolve_trajectory,
     script_names,
+    trajectory_names,
 )
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import synthesize
@@ -108,6 +110,20 @@ def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
     other.touch()
     with pytest.raises(TrajectoryError, match=r"not a trajectory by its suffix; expected .toml, .h5"):
         resolve_trajectory(other)
+
+
+def test_the_recorded_tap_of_the_catalogue_goes_into_its_object() -> None:
+    assert trajectory_names() == [*script_names(), "finger-tap"]
+    with pytest.raises(UnknownNameError, match="unknown trajectory 'finger-tap'"):
+        load_script("finger-tap")
+    entry, motion = describe("finger-tap"), resolve_trajectory("finger-tap")
+    assert isinstance(motion, Trajectory) and (motion.name, motion.hand) == ("finger-tap", "right")
+    assert entry.objects == ("bunny",) and 53.0 < entry.rate < 55.0 and entry.title
+    there = object_tree("bunny").transformed(rotation_matrix(motion.object_orientation), motion.object_position)
+    distance = record_clearance(HAND, there, forward_kinematics(HAND, *HandConfiguration.of(motion)))
+    index = distance[:, 3:6].min(axis=1)
+    assert -0.03 < index.min() < -0.004 and distance[0].min() > 0.002 and distance[:, PALM_BODY].min() > 0.0
+    assert (index < 0.0).mean() < 0.5, "a tap is no hold"
 
 
 def look(motion: Trajectory, tree: SphereTree, hand: HandModel) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.declared_bodies import load_bodies
+from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.verify.bodies_apart import _Solid
 
@@ -126,7 +126,7 @@ def test_scenes_whose_bodies_are_in_each_other_are_refused(
     with pytest.raises(
         InputError, match=rf"body 'b' begins in body 'a': a shift of {depth:g} mm .*; expected at most 0.1 mm"
     ):
-        load_bodies(path)
+        load_object(path)
 
 
 def test_bodies_that_touch_are_apart() -> None:

@@ -20,7 +20,7 @@ from hhsim.system.checksummed_file import SIZE, seal_file, seal_holds, sealed
 from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
 WRITERS = {
-    *("hhsim/result/writer.py", "hhsim/result/merge.py"),
+    "hhsim/result/writer.py",
     *("hhsim/system/atomic_write.py", "hhsim/recordings/formats/hhsim.py", "hhsim/recordings/content.py"),
 }
 DOOR = {"hhsim/system/hdf5_input.py"}

@@ -23,7 +23,7 @@ from hhsim.system.settings_file import (
 FINGERS = ("thumb", "index")
 READERS = (
     *("gate.suite", "gate.gate", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
-    *("scene.contact_goals", "scene.demonstration", "scene.described_scene", "scene.joint", "scene.script"),
+    *("scene.contact_goals", "scene.described_scene", "scene.body", "scene.script"),
     *("scene.body_file", "sweep.plan", "sweep.repair_manifest"),
 )
 """Modules that declare settings."""

@@ -23,7 +23,7 @@ from hhsim.kernels.hand.pose import LARGEST
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.resample import STAMP_TOLERANCE
-from hhsim.replay.recorded_verdict import verdict as report_verdict
+from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
 from hhsim.system.progress import silent
 from hhsim.verify import file_checks

@@ -37,8 +37,7 @@ from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.tick_columns import TickColumns
-from hhsim.replay.tick_rows import body_rows, contact_rows, free_columns, shown_columns, stored_contacts
+from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns, shown_columns, stored_contacts
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
