@@ -15,7 +15,7 @@ from hhsim.table.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 
 HOW = ("level", "max_error")
 """Options of a replay that change how it is run, not its input."""
-OF_A_MESH = ("unit", "size_mm", "thickness_mm", "solid")
+OF_A_MESH = ("unit", "size_mm", "solid")
 OF_A_MOTION = ("number of ticks", "trajectory")
 OF_A_REPLAY = ("place_object", "samples", "seed", "tremor_mm_deg")
 """Figures that differ of necessity where the object, the motion, or the kind of run does."""

@@ -32,7 +32,7 @@ HAND = ("hand/phalanx_radius", "hand/phalanx_length", "hand/palm_center", "hand/
 MOTION = ("haptic/position", "haptic/orientation", "haptic/flexion", "haptic/abduction")
 OF_THE_MOTION = ("motion", "samples", "rate", "seed", "tremor_mm_deg", "place_object")
 """Options of a replay that choose the motion."""
-INPUT_OPTIONS = ("level", "max_error", "unit", "size_mm", "thickness_mm", *OF_THE_MOTION)
+INPUT_OPTIONS = ("level", "max_error", "unit", "size_mm", *OF_THE_MOTION)
 """Options of a replay that choose the input; names of files do not."""
 OF_THE_MESH = ("center", "inertia")
 """Properties of a free object that follow from mesh and mass; a zero among them differs in all its digits."""

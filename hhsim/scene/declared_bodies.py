@@ -312,7 +312,7 @@ def load_object(
     """Load what OBJECT means: a name of the catalogue, a mesh file, a URDF or MJCF, a file of bodies, or a mesh [m].
 
     Joints are moved by the motion, if it is a script that has some. `free` is of a URDF or MJCF, see `linkage_bodies`.
-    `unit`, `size` and `thickness` are of a mesh file, see `hhsim.linkage.file.resolve_object`; `solid` is as for
+    `unit` and `size` are of a mesh file, see `hhsim.linkage.file.resolve_object`; `solid` is as for
     `hhsim.mesh.mesh.load_mesh`, but None makes solids of free bodies. Raises UnknownNameError for no such object, mesh
     or joint; InputError for a file that cannot be used, or bodies that begin inside each other.
     """
