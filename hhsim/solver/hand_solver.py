@@ -13,7 +13,7 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.callee import collector_at_rest
-from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.contact_points import clearances
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration
@@ -22,7 +22,7 @@ from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.kernels.tick.shown_hand import look_at
+from hhsim.kernels.tick.evaluation import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration

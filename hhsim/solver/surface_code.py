@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import Reference, write_rows
-from hhsim.kernels.contact.detection import Reach, count_pairs, evaluate, find_contacts
-from hhsim.kernels.contact.surface_code import SurfaceCode
+from hhsim.kernels.contact.detection import Reach, SurfaceCode, count_pairs, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of

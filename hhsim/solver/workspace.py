@@ -14,10 +14,9 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_pairs
-from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.contact.detection import CONTACT_ROWS, SurfaceCode
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.contact.surface import seen_as
-from hhsim.kernels.contact.surface_code import SurfaceCode
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype

@@ -13,11 +13,11 @@ from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import hand_reach
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix

@@ -26,8 +26,16 @@ from hhsim.kernels.world.columns import (
     variable_count,
     wide_rows,
 )
+from hhsim.kernels.world.friction import (
+    NO_LOAD,
+    find_leanings,
+    foresee_slips,
+    keep_slips,
+    lower_slips,
+    return_to_slips,
+    turn_contacts,
+)
 from hhsim.kernels.world.joints import JOINT_KEYS, SLACK, slack_column, slack_target
-from hhsim.kernels.world.leanings import find_leanings, turn_contacts
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
@@ -38,7 +46,6 @@ from hhsim.kernels.world.rows import (
     friction_rows,
     measure_slip,
 )
-from hhsim.kernels.world.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 
 ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""

@@ -198,7 +198,7 @@ def _solve_fingers(method: World, state: Record, qp: QpWork) -> None:
             if not shared:
                 solve_finger(method, as_int64(f), qp)
             continue
-        # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
+        # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.tick`.
         offset = 6 + PHALANX_COUNT * f
         for j in range(offset, offset + PHALANX_COUNT):
             step.delta[j] = problem.target[j] * problem.inverse_root[j]
