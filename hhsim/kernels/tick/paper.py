@@ -21,7 +21,7 @@ from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
@@ -110,10 +110,9 @@ def _solve(
     paper.start[0] = 0
     paper.stop[0] = row_count
     paper.first[0] = 0 if shared == 0 else -1
-    rows = ProgramRows(
-        shared, problem.common[:], problem.block[:], problem.rhs[:], paper.start[:], paper.stop[:], paper.first[:]
-    )
-    guess, none = paper.guess[:], as_int64(0)
+    guess, none, common = paper.guess[:], as_int64(0), problem.common[:]
+    groups = paper.start[:], paper.stop[:], paper.first[:]
+    rows = Rows(shared, common, problem.block[:], problem.rhs[:], *groups, common, none, none, none)
     status = solve(variables, rows, paper.target[:], options.tolerance, options.relaxation, guess, none, qp)
     state.step.iterations += qp.counts[1]
     return status == OPTIMAL

@@ -8,7 +8,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.machine_code import ask_code
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
-from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -335,7 +335,7 @@ def begin_search(coulomb: Record) -> int:
 
 
 @jit
-def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
+def _solve_once(options: TickOptions, rows: Rows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = world.problem, world.loaded, options.tolerance, options.relaxation
     variables, target = variable_count(problem), problem.target[:]
