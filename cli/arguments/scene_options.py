@@ -47,7 +47,7 @@ def completed_by(*places: str) -> Completion:
 
 complete_object = completed_by("hhsim.mesh.catalogue:object_names", "hhsim.mesh.catalogue:body_file_names")
 complete_trajectory = completed_by("hhsim.scene.motion_catalogue:trajectory_names")
-complete_method = completed_by("hhsim.solver.method_names:method_names")
+complete_method = completed_by("hhsim.solver.method:method_names")
 OBJECT = argument("[OBJECT]", default="bunny", shell_complete=complete_object)
 TRAJECTORY = argument("[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 
@@ -205,7 +205,7 @@ class Sampling(OptionGroup, heading="Motion"):
 def read_method(value: str) -> str:
     """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
     if value not in METHODS and ":" not in value:
-        from hhsim.solver.method_names import method_names
+        from hhsim.solver.method import method_names
 
         if value not in method_names():
             raise click.BadParameter(str(UnknownNameError("method", value, method_names())))

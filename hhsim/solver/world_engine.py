@@ -38,8 +38,7 @@ from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.body import Joint
 from hhsim.solver.free_object import EngineBody, FreeObject, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.surface_code import surface_code
-from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 

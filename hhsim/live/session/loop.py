@@ -51,9 +51,8 @@ from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.hand_solver import warm_up
-from hhsim.solver.one_tick import OneTick
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, warm_up_hands
+from hhsim.solver.scene_solver import OneTick, SceneSolver, warm_up_hands
 from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
