@@ -1,9 +1,7 @@
 """Solver of a scene: the seam between its bodies in the world, and the engines, each of which has its own frame.
 
 With nothing free the frame of a hand's ticks goes along with the object of the motion; beside free bodies hands are
-given in the world, and returned as the first free body sees them.
-
-One tick of all hands and bodies in arrays of its own, for loops that run ticks one by one.
+given in the world, and returned as the first free body sees them. `OneTick` is for loops that run ticks one by one.
 """
 
 from collections.abc import Callable, Sequence
