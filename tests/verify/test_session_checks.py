@@ -21,7 +21,7 @@ from hhsim.live.session import recorder
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder, SessionWriter
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import Result, load_result

@@ -62,7 +62,6 @@ class GloveDriver:
         self._version = memory.status["command_version"]
         self._sent_version = 0
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
-        self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._lost = False
         self._reconnect_ns = 0
         self._empty_looks = 0
@@ -140,12 +139,10 @@ class GloveDriver:
                 self._keep(count)
                 if 0 < count < MOST_SAMPLES:
                     self._empty_looks = 0
-        came = self.pose.read(now, self._position, self._orientation)
+        came, position, orientation = self.pose.read(now)
         if came >= 0:
             status["palm_version"][0] += 1
-            status["palm_position"] = self._position
-            status["palm_orientation"] = self._orientation
-            status["palm_ns"] = came
+            status["palm_position"], status["palm_orientation"], status["palm_ns"] = position, orientation, came
             status["palm_version"][0] += 1
         status["counters"][:] = self.device.counters.values()
 

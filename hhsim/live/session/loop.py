@@ -50,7 +50,7 @@ from hhsim.live.processes import Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory, session_process
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
+from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING

@@ -32,7 +32,7 @@ from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion

@@ -11,7 +11,7 @@ from hhsim.kernels.live.notes import CAPACITY
 from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST
 from hhsim.live.device import GloveInfo
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.result.miss_cause import WORDS as MISS_WORDS
 from hhsim.result.miss_cause import MissCause
 from hhsim.result.safety import WORDS, Safety

@@ -27,7 +27,7 @@ from hhsim.live.device import DeviceCounters
 from hhsim.live.processes import ChildProcess, RingReader, Stage, write_setup
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING

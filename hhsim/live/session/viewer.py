@@ -26,7 +26,7 @@ from hhsim.live.processes import RingReader, Stage, exit_code
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory, TickReader, session_process
 from hhsim.live.session.recorder import SessionColumns
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, blueprint, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words

@@ -252,19 +252,6 @@ def test_which_glove_is_ours_and_what_is_no_server(said: bytes, found: str | int
         glove.close()
 
 
-def test_samples_that_are_not_finite_are_marked_and_their_angles_are_the_last_good_ones(server: FakeDexmo) -> None:
-    reader = Reader(server)
-    reader.more(5)
-    server.order("nan 7")
-    reader.until(lambda: reader.glove.counters.rejected == 7)
-    reader.more(5)
-    good, flexion, counters = reader.samples["good"], reader.samples["flexion"], reader.glove.counters
-    (bad,) = np.nonzero(~good)
-    assert len(bad) == 7 and np.isnan(reader.samples["channels"][bad, CHANNELS.index("index_bend")]).all()
-    assert np.isfinite(flexion).all() and (flexion[bad] == flexion[bad[0] - 1]).all()
-    assert counters.samples + counters.rejected == counters.frames == reader.count()
-
-
 def test_a_glove_that_changes_hands_is_freed_and_used_again_when_it_is_ours(server: FakeDexmo) -> None:
     reader = Reader(server)
     glove, counters = reader.glove, reader.glove.counters
