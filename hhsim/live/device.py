@@ -6,7 +6,6 @@ bend at which a finger is stopped.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,13 +114,6 @@ class PalmReading:
     position: FloatArray = field(default_factory=lambda: np.zeros(3))
     # Unit quaternion (w, x, y, z), shape (4,), in that world.
     orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
-
-
-class Calibration(Protocol):
-    """Meaning of a glove's readings, as far as the session needs it."""
-
-    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return slope and offset of each joint angle over the finger's bend [rad], each of shape (5, 3)."""
 
 
 class FingerRelease:

@@ -91,7 +91,7 @@ def deadline_record(period_ns: int, now_ns: int) -> Any:
 def commander_record(
     limits: OutputLimits, bend_lines: tuple[FloatArray, FloatArray], period: float, *, feels: bool = False
 ) -> Any:
-    """Return the `COMMANDER` of free fingers, with lines as of `Calibration.bend_lines` and the period of a tick [s].
+    """Return the `COMMANDER` of free fingers by `DexmoRegression.bend_lines` and the period of a tick [s].
 
     `feels` is True if the glove takes forces.
     """

@@ -98,8 +98,9 @@ class WornGlove:
     description: Mapping[str, Any] = field(default_factory=dict)  # further plain values of the scene for the file
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return `Calibration.bend_lines` of the glove; those of the default regression if it has no calibration."""
-        return (self.device.calibration or DexmoRegression.default()).bend_lines()
+        """Return `DexmoRegression.bend_lines` of the glove's calibration, or of the default one."""
+        lines: tuple[FloatArray, FloatArray] = (self.device.calibration or DexmoRegression.default()).bend_lines()
+        return lines
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
