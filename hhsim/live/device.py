@@ -136,10 +136,7 @@ class FingerRelease:
         return True
 
     def reconnect(self) -> bool:
-        """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
-
-        DeviceError, at most once for each loss, if it is not and the reason is known better now.
-        """
+        """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back."""
         return True
 
     def close(self) -> None:

@@ -71,7 +71,6 @@ class UdpGlove(GloveDevice):
         self._sent, self._answers = 0, NONE_YET
         self._order = PacketOrder()
         self._unused: Kind | None = None
-        self._hint_raised = False
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
         self._angles = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
@@ -138,7 +137,6 @@ class UdpGlove(GloveDevice):
             count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
             hint = self._rejected_input()
-            self._hint_raised = bool(hint)
             what = "no sample" if hint else "nothing"
             raise DeviceError(f"{self._name}: {what} came for {1e-9 * SILENCE_NS:g} s{hint and ': '}{hint}")
         return count
@@ -158,7 +156,7 @@ class UdpGlove(GloveDevice):
         sent = False
         for _ in range(RELEASE_COPIES):
             with contextlib.suppress(DeviceError):
-                sent = self._send(None) or sent
+                sent = self._send(FingerCommand()) or sent
         return sent
 
     def reconnect(self) -> bool:
@@ -167,9 +165,6 @@ class UdpGlove(GloveDevice):
             return self._out is not None
         if not self._waiting:
             self._receive(1)
-        if not self._waiting and not self._hint_raised and (hint := self._rejected_input()):
-            self._hint_raised = True
-            raise DeviceError(f"{self._name}: {hint}")
         return bool(self._waiting)
 
     def close(self) -> None:
@@ -179,18 +174,14 @@ class UdpGlove(GloveDevice):
                 end.close()
         self._port = self._out = None
 
-    def _send(self, command: FingerCommand | None) -> bool:
-        """Send a command, or a release."""
+    def _send(self, command: FingerCommand) -> bool:
         if self._out is None:
             raise DeviceError(f"{self._name}: not open")
         if self._options.takes == "forces":
-            most = self._options.most_force
-            kind, numbers = Kind.FORCES, NO_FORCE if command is None else limited(command.force[:, 2], most)
+            kind, numbers = Kind.FORCES, limited(command.force[:, 2], self._options.most_force)
         else:
-            kind, numbers = Kind.COMMAND, NO_LIMIT
-            if command is not None:
-                told = np.concatenate([command.bend, command.stiffness])
-                numbers = np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
+            told = np.concatenate([command.bend, command.stiffness])
+            kind, numbers = Kind.COMMAND, np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
         stamp = time.monotonic_ns()
         data = encode_packet(kind, numbers, session=self._session, seq=self._sent, t_ns=stamp, answers=self._answers)
         try:

@@ -23,7 +23,7 @@ from hhsim.live.processes import Stage
 from hhsim.live.real_time import RealTimeWishes, become_real_time
 from hhsim.live.session.memory import SessionMemory
 from hhsim.result.safety import Safety
-from hhsim.result.schema import FAULT, WARNING
+from hhsim.result.schema import FAULT
 
 MOST_SAMPLES = 64
 """Samples read at once."""
@@ -82,7 +82,7 @@ class GloveDriver:
     def close(self) -> None:
         """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
-            self._log(FAULT, "the glove could not be told to free the fingers")
+            self.memory.log(FAULT, f"{self._whose}the glove could not be told to free the fingers")
         self._status["counters"][:] = self.device.counters.values()
         self.device.close()
         self.pose.close()
@@ -166,9 +166,6 @@ class GloveDriver:
         self.memory.why_lost = str(error)
         self._status["device_lost"] = 1
 
-    def _log(self, level: int, text: str) -> None:
-        self.memory.log(level, f"{self._whose}{text}")
-
     def _new_command(self) -> bool:
         version = int(self._version[0])
         # A command that is being written wakes the driver when it is whole.
@@ -195,12 +192,7 @@ class GloveDriver:
         if now < self._reconnect_ns or not self._status["command_safety"] & int(Safety.DEVICE_LOST):
             return False
         self._reconnect_ns = now + RECONNECT_NS
-        try:
-            if not self.device.reconnect():
-                return False
-        except DeviceError as error:
-            self._log(WARNING, f"the glove is still gone: {error}")
-            return False
-        self._lost = False
-        self._status["device_lost"] = 0
-        return True
+        with contextlib.suppress(DeviceError):
+            self._lost = not self.device.reconnect()
+        self._status["device_lost"] = self._lost
+        return not self._lost

@@ -229,21 +229,6 @@ def test_a_reading_of_no_hand_is_named(unit: str, reading: float, detail: str) -
         assert f"{UNUSABLE}: bend is nan" in ScriptedSession([Moment(FREE, reading=0.5), *script[1:]]).run().events
 
 
-def test_why_a_glove_stays_away_is_told_when_it_is_known() -> None:
-    session = ScriptedSession([Moment(FREE), Moment(gone=True), *[Moment(FREE)] * 200])
-    known, connect = iter([DeviceError("it speaks another language")]), session.glove.reconnect
-
-    def reconnect() -> bool:
-        for error in known:
-            raise error
-        return connect()
-
-    session.glove.reconnect = reconnect  # type: ignore[method-assign]
-    events = [text for text in session.run().events if "the glove is" in text]
-    assert events[0].startswith("the glove is gone: the fingers are free")
-    assert events[1:] == ["the glove is still gone: it speaks another language", "the glove is back"]
-
-
 def test_a_hand_that_begins_inside_the_object_is_told_of_once() -> None:
     session = ScriptedSession([Moment(FREE)] * 5, FixedPose(PoseConfig(position=(0.0, 0.0, -0.05)))).run()
     assert [text for text in session.events if "begins inside" in text] == [BEGINS_INSIDE]
