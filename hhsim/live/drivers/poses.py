@@ -13,7 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.device import GloveDevice, PalmReading
 from hhsim.live.gloves import PoseConfig
-from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
+from hhsim.live.open_packet import MOST_LOOKED_AT, Kind, UdpPort
 from hhsim.live.playback import ORIENTATION, POSITION
 
 
@@ -169,7 +169,7 @@ class UdpPose(PoseSource):
 
     def __init__(self, config: PoseConfig) -> None:
         self.name = f"udp pose from {config.host} at port {config.port}"
-        self._config, self._order, self._pose = config, PacketOrder(), NO_POSE
+        self._config, self._pose = config, NO_POSE
         self._port: UdpPort | None = None
 
     def open(self) -> None:
@@ -182,13 +182,12 @@ class UdpPose(PoseSource):
 
     def read(self, now_ns: int) -> Pose:
         """See `PoseSource.read`."""
-        for packet, came in () if self._port is None else self._port.arrived():
-            if packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
-                values = packet.values.astype(np.float64)
-                length = float(np.linalg.norm(values[3:]))
-                # NaN compares false.
-                if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
-                    self._pose = came, values[:3], values[3:] / length
+        for packet, came in () if self._port is None else self._port.read(MOST_LOOKED_AT, [Kind.POSE]):
+            values = packet.values.astype(np.float64)
+            length = float(np.linalg.norm(values[3:]))
+            # NaN compares false.
+            if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
+                self._pose = came, values[:3], values[3:] / length
         return self._pose
 
     def close(self) -> None:

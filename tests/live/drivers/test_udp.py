@@ -75,7 +75,7 @@ def test_a_flood_does_not_keep_the_reader() -> None:
         for seq in range(100):
             data = encode_packet(Kind.BENDS, np.zeros(5), session=1, seq=seq, t_ns=0)
             sender.sendto(data, ("127.0.0.1", number))
-        assert [len(list(port.arrived())) for _ in range(3)] == [64, 36, 0]
+        assert [len(port.read(1000, [Kind.BENDS])) for _ in range(3)] == [64, 36, 0]
 
 
 @pytest.fixture
@@ -196,9 +196,9 @@ def test_a_bridge_that_is_not_there_is_said_so(bridge: Bridge) -> None:
             stranger.sendto(b"", ("127.0.0.1", bridge.port))
         bridge.socket.sendto(b"HH", ("127.0.0.1", bridge.port))
         assert port.wait(PATIENCE)
-        assert list(port.arrived()) == []
-        while port.malformed == 0:
-            assert port.hint == "packets come from 127.0.0.3 instead" and list(port.arrived()) == []
+        assert port.read(1, Kind) == []
+        while port.counters.malformed == 0:
+            assert port.hint == "packets come from 127.0.0.3 instead" and port.read(1, Kind) == []
         assert "no open packet: 2 bytes" in port.hint
     with pytest.raises(DeviceError, match="no host"):
         UdpGlove(configure("udp", port=bridge.port, host="no.such.host.invalid")).open(0.05)
@@ -218,7 +218,7 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
         for junk in (b"XXXX" + bytes(48), encode_packet(Kind.POSE, np.zeros(7), session=1, seq=1, t_ns=0)):
             bridge.socket.sendto(junk, ("127.0.0.1", bridge.port))
             assert not device.reconnect()
-        assert "no sample came for 0.5 s: packets of kind 4 come; this glove's are of kind 1" in reader.until_lost()
+        assert "no sample came for 0.5 s: packets of kind 4 come; expected kind 1" in reader.until_lost()
         bridge.send(Kind.BENDS, np.zeros(5), 1)
         assert device.reconnect()
         assert len(reader.read()) == 1
