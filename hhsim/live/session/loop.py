@@ -203,7 +203,7 @@ class LoopHand:
             samples=memory.samples.records.view(np.recarray),
             samples_written=memory.samples.counter,
         )
-        self.story = Story(setup, memory, info, self.live.notes, self.live.refused, self.live.loop, whose)
+        self.story = Story(setup, memory, info, self.live, whose)
         at: Any = self.live.loop[0]
         self.at = at
         at.periods = setup.periods

@@ -304,17 +304,12 @@ class Recorder:
     """Reads the rings of a session and writes its file; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        if setup.record is None:
-            raise ValueError("the session is not to be recorded")
+        assert setup.record is not None
         self._path = setup.record
         self._setup = setup
         self._memory = memory
         self._ticks = TickReader(memory)
-        self._readers = [
-            (number, ring, RingReader(getattr(hand, ring)))
-            for number, hand in enumerate(memory.hands)
-            for ring in RINGS[1:]
-        ]
+        self._readers = [{ring: RingReader(getattr(hand, ring)) for ring in RINGS[1:]} for hand in memory.hands]
         self._parent = os.getppid()
         self._loop = LoopProcess(memory.status)
         self._stop = False
@@ -374,11 +369,11 @@ class Recorder:
                 continue
             first, ticks = self._ticks.read_hands(BLOCK_RECORDS)
             taken = [{"ticks": (first, records)} for records in ticks]
-            for hand in writer.hands:
+            for hand, of, readers in zip(writer.hands, taken, self._readers):
                 hand.lost["ticks"] = self._ticks.lost
-            for number, ring, reader in self._readers:
-                taken[number][ring] = reader.read(BLOCK_RECORDS)
-                writer.hands[number].lost[ring] = reader.lost
+                for ring, reader in readers.items():
+                    of[ring] = reader.read(BLOCK_RECORDS)
+                    hand.lost[ring] = reader.lost
             writer.write(taken, self._counters)
             written = now
             self._tell(writer)

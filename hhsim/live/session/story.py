@@ -92,23 +92,14 @@ class SafetyLog:
 
 
 class Story:
-    """Writes a session's log from records of `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`.
+    """Writes a session's log from its `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`.
 
     Each line begins with `whose`.
     """
 
-    def __init__(
-        self,
-        setup: LiveSetup,
-        memory: SessionMemory,
-        info: GloveInfo,
-        notes: Any,
-        refused: Any,
-        loop: Any,
-        whose: str = "",
-    ) -> None:
+    def __init__(self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, live: Any, whose: str = "") -> None:
         self._stale, self._memory, self._info, self._whose = setup.safety.stale, memory, info, whose
-        self._notes, self._refused, self._loop = notes[0], refused[0], loop[0]
+        self._notes, self._refused, self._loop = live.notes[0], live.refused[0], live.loop[0]
         self._next = 0
         self._begun = False
         self._log = SafetyLog()
@@ -193,7 +184,7 @@ def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) 
     channel = int(np.nanargmax(values))
     hint = ": are the angles in degrees?" if info.unit == "rad" and values[channel] <= 360.0 else ""
     if not info.unit:
-        hint = ": raw counts need --calibration with the readings of the open and of the closed hand"
+        hint = ": raw counts need a calibration with the readings of the open and of the closed hand"
     reading = f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}"
     return f"{reading}, and {most:.3g}{unit} the most of a hand{hint}"
 

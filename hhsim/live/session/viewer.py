@@ -55,8 +55,7 @@ class LiveViewer:
     """Shows one session and writes `viewer_ns` of its status; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        if setup.rerun is None:
-            raise ValueError("the session is not to be shown")
+        assert setup.rerun is not None
         self._target = parse_target(setup.rerun)
         self._setup = setup
         self._memory = memory

@@ -213,7 +213,7 @@ def test_a_fault_frees_the_fingers_in_its_ticks_and_the_ramp_follows(name: str) 
         (
             "",
             -57.0,
-            ": bend is -57, and 1.5 the most of a hand: raw counts need --calibration with the readings of the open and"
+            ": bend is -57, and 1.5 the most of a hand: raw counts need a calibration with the readings of the open and"
             " of the closed hand",
         ),
         ("", 1.2, ""),
