@@ -490,21 +490,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup, memory = session_process("loop", arguments)
     ending = Ending()
 
-    def tell(**values: int) -> None:
-        for hand in memory.hands:
-            for name, value in values.items():
-                hand.status[name] = value
-
     def body() -> None:
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
         run_session(setup, memory, ending)
 
-    tell(loop_pid=os.getpid(), stage=Stage.STARTING)
+    memory.tell(loop_pid=os.getpid(), stage=Stage.STARTING)
     try:
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
-        tell(stage=Stage.ENDED)
+        memory.tell(stage=Stage.ENDED)
 
 
 if __name__ == "__main__":

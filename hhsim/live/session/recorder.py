@@ -345,16 +345,10 @@ class Recorder:
                 return
             status = self._memory.status
             writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
-            self._tell(writer)
 
     @property
     def _counters(self) -> AnyArray:
         return np.stack([hand.status["counters"] for hand in self._memory.hands])
-
-    def _tell(self, writer: SessionWriter) -> None:
-        """Tell each hand's status how much is written and lost."""
-        for hand in self._memory.hands:
-            hand.status["recorder_ticks"], hand.status["recorder_lost"] = writer.ticks, self._ticks.lost
 
     def _follow(self, writer: SessionWriter) -> str:
         """Write block after block until the session has ended; returns the reason."""
@@ -376,7 +370,7 @@ class Recorder:
                     hand.lost[ring] = reader.lost
             writer.write(taken, self._counters)
             written = now
-            self._tell(writer)
+            self._memory.tell(recorder_ticks=writer.ticks, recorder_lost=self._ticks.lost)
             if over and all(len(records) < BLOCK_RECORDS for of in taken for _, records in of.values()):
                 return ended or CUT_SHORT
 
