@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from hhsim.kernels.live import interlock as bits
-from hhsim.kernels.live.interlock import judge
+from hhsim.kernels.live.finger_command import judge
 from hhsim.live.session.loop import interlock_record
 from hhsim.live.session.setup import SafetyLimits
 from hhsim.live.session.story import QUIET_NS, SafetyLog
