@@ -97,7 +97,7 @@ def sessions(**changes: Any) -> None:
     from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
     from hhsim.live.session.memory import SessionMemory
-    from hhsim.live.session.settings import SafetyLimits
+    from hhsim.live.session.setup import SafetyLimits
     from hhsim.result.miss_cause import TimeTaken
 
     TimeTaken(1, 0, 0, 0, 0).cause()

@@ -19,8 +19,7 @@ from hhsim.hand.model import HandModel
 from hhsim.live.gloves import Hand, PoseConfig, configure
 from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
-from hhsim.live.session.settings import LiveSetup, OutputLimits
+from hhsim.live.session.setup import LiveScene, LiveSetup, OutputLimits, grasping_hand, make_live_scene
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.body import CLEARANCE

@@ -68,14 +68,14 @@ class Reader:
         self.parts.append(fresh)
         return fresh
 
-    def until(self, done: Callable[[], bool], each: Callable[[], object] = lambda: None) -> None:
-        """Read at 1 kHz until something is so."""
-        end = time.monotonic() + PATIENCE
-        while not done():
-            assert time.monotonic() < end, "it never came"
+    def until(self, done: Callable[[], bool]) -> None:
+        """Read again and again until something is so."""
+
+        def is_done() -> bool:
             self.read()
-            each()
-            time.sleep(0.001)
+            return done()
+
+        until(is_done)
 
     def count(self) -> int:
         return sum(map(len, self.parts))

@@ -15,7 +15,7 @@ from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import SharedRing, Stage
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
-from hhsim.live.session.settings import LiveSetup, WornGlove
+from hhsim.live.session.setup import LiveSetup, WornGlove
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import HandSolver

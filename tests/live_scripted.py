@@ -31,8 +31,7 @@ from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, deadline_record
 from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
+from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, WornGlove, make_live_scene
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import Trajectory
 from hhsim.result.reader import Result, load_result

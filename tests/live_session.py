@@ -4,7 +4,7 @@ from pathlib import Path
 
 from live_scripted import FIST, FREE, Moment, ScriptedSession
 
-from hhsim.live.session.settings import OutputLimits
+from hhsim.live.session.setup import OutputLimits
 
 
 def write_session(path: Path) -> None:

@@ -27,7 +27,7 @@ from hhsim.live.drivers.udp import SILENCE_NS
 from hhsim.live.gloves import configure
 from hhsim.live.open_packet import SESSION_SILENCE_NS
 from hhsim.live.session import loop, supervisor
-from hhsim.live.session.settings import OutputLimits, SafetyLimits
+from hhsim.live.session.setup import OutputLimits, SafetyLimits
 from hhsim.live.session.watchdog import RELEASE_NS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics

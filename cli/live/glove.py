@@ -225,8 +225,7 @@ def command(
     from hhsim.live.doctor import quick_warning
     from hhsim.live.gloves import open_device
     from hhsim.live.real_time import RealTimeWishes
-    from hhsim.live.session.scene import grasping_hand, make_live_scene
-    from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+    from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, grasping_hand, make_live_scene
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks

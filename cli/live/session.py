@@ -19,7 +19,7 @@ from ..arguments.options import HANDS
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.poses import PalmKeys
-    from hhsim.live.session.settings import LiveSetup
+    from hhsim.live.session.setup import LiveSetup
     from hhsim.live.session.statistics import LiveTally
     from hhsim.live.session.supervisor import SessionOutcome
 

@@ -6,7 +6,6 @@ bend at which a finger is stopped.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, fields
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,13 +116,6 @@ class PalmReading:
     orientation: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
 
 
-class Calibration(Protocol):
-    """Meaning of a glove's readings, as far as the session needs it."""
-
-    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """Return slope and offset of each joint angle over the finger's bend [rad], each of shape (5, 3)."""
-
-
 class FingerRelease:
     """A connection that frees the fingers: all that the watchdog needs of a glove. Only `open_for_release` may wait.
 
@@ -144,10 +136,7 @@ class FingerRelease:
         return True
 
     def reconnect(self) -> bool:
-        """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back.
-
-        DeviceError, at most once for each loss, if it is not and the reason is known better now.
-        """
+        """Try once, without waiting, to reconnect after a `DeviceError`; True if the device is back."""
         return True
 
     def close(self) -> None:

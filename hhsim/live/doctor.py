@@ -171,30 +171,25 @@ class Diagnosis:
     settings: list[Row]
 
     @property
-    def measures(self) -> tuple[Row, ...]:
-        """Figures that decide the verdict, with their limits."""
+    def rows(self) -> list[Row]:
+        """Rows of the table; the first three have limits and decide the verdict."""
         wakeups = self.wakeups
         allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
-        return (
+        accounts = (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal))
+        return [
             Row("missed periods", wakeups.missed, float(allowed)),
             Row("missed in a row", wakeups.streak, MOST_IN_A_ROW),
             Row("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
-        )
-
-    @property
-    def rows(self) -> list[Row]:
-        """Rows of the table."""
-        wakeups = self.wakeups
-        spread = [Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD]
-        causes = [Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count]
-        accounts = (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal))
-        told = [Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts]
-        return [*self.measures, *spread, *causes, *told, *self.settings]
+            *(Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD),
+            *(Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count),
+            *(Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts),
+            *self.settings,
+        ]
 
     @property
     def good(self) -> bool:
         """True if every limit is kept."""
-        return all(measure.kept for measure in self.measures)
+        return all(row.kept for row in self.rows)
 
     @property
     def verdict(self) -> str:
@@ -204,11 +199,11 @@ class Diagnosis:
         if wakeups.missed:
             by = ", ".join(f"{WORDS[cause]} {count:,}" for cause, count in wakeups.causes.items() if count)
             missed = f"{wakeups.missed:,} of {wakeups.periods:,} periods were missed ({by})"
-        # The first measure is that of the missed periods, which end the sentence with their causes.
+        # The first row is that of the missed periods, which end the sentence with their causes.
         beyond = [
-            f"{each.name} {each.value:,.0f} {each.unit} (at most {each.limit:,.0f})".replace("  ", " ")
-            for each in self.measures[1:]
-            if not each.kept
+            f"{row.name} {row.value:,.0f} {row.unit} (at most {row.limit:,.0f})".replace("  ", " ")
+            for row in self.rows[1:]
+            if not row.kept
         ]
         return f"this machine {'keeps' if self.good else 'does not keep'} {wakeups.rate:,g} Hz: " + ", ".join(
             [*beyond, missed]

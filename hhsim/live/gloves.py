@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from hhsim.registry import Registry
 
 if TYPE_CHECKING:
-    from hhsim.live.device import Calibration, FingerRelease, GloveDevice
+    from hhsim.live.device import FingerRelease, GloveDevice
     from hhsim.live.playback import Playback
 
 Hand = Literal["right", "left"]
@@ -79,7 +79,8 @@ class Glove:
     about: str  # description in half a line
     driver: str  # its `GloveDevice`, as "module:Class"; called with a `GloveConfig`
     options: type[GloveOptions] = GloveOptions  # type of its settings
-    # Reader of its `Calibration`, as "module:function", called with settings and hand; "" for none.
+    # Reader of its calibration, as "module:function", called with settings and hand; "" for none. What it returns has
+    # `bend_lines` as of `hhsim.recordings.dexmo_regression.DexmoRegression`.
     calibration: str = ""
     plays: bool = False  # True if its fingers make a motion: it is given a playback
     ends: bool = False  # True if a session ends with that motion
@@ -96,7 +97,7 @@ class GloveConfig:
     hand: Hand = "right"
     seed: int = 0
     playback: "Playback | None" = None
-    calibration: "Calibration | None" = None
+    calibration: Any = None
 
 
 _UDP, _PLAYED = "hhsim.live.drivers.udp:UdpGlove", "hhsim.live.drivers.played"

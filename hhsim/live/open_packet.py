@@ -7,14 +7,14 @@ import select
 import socket
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Collection
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hhsim.live.device import DeviceError
+from hhsim.live.device import DeviceCounters, DeviceError
 from hhsim.live.tcp import ready
 
 MAGIC = b"HHGL"
@@ -99,63 +99,6 @@ def resolve(host: str) -> str:
         raise DeviceError(f"udp: no host {host}: {error.strerror or error}") from None
 
 
-class UdpPort:
-    """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
-
-    `malformed` counts datagrams that are no packets; `hint` describes the last unusable one.
-    """
-
-    def __init__(self, host: str, port: int) -> None:
-        self.address = resolve(host)
-        self.malformed = 0
-        self.hint = ""
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        # Packets of this machine are expected on its own address only.
-        own = self.address if self.address.startswith("127.") else ""
-        try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
-            self._socket.bind((own, port))
-        except OSError as error:
-            self._socket.close()
-            raise DeviceError(f"udp port {port} from {host}: cannot listen: {error.strerror or error}") from None
-
-    def arrived(self) -> Iterator[tuple[Packet, int]]:
-        """Yield the packets among the next `MOST_LOOKED_AT` datagrams, each with CLOCK_MONOTONIC when read [ns]."""
-        for _ in range(MOST_LOOKED_AT):
-            try:
-                data, sender = self._socket.recvfrom(LONGEST + 1)
-            except BlockingIOError:
-                return
-            except OSError:
-                # An error of an earlier send, which does not concern what arrives.
-                continue
-            now = time.monotonic_ns()
-            if sender[0] != self.address:
-                self.hint = f"packets come from {sender[0]} instead"
-                continue
-            try:
-                packet = decode_packet(data)
-            except PacketError as error:
-                self.malformed += 1
-                self.hint = f"what came is no open packet: {error}"
-                continue
-            yield packet, now
-
-    @property
-    def descriptor(self) -> int:
-        """File descriptor to poll for incoming datagrams."""
-        return self._socket.fileno()
-
-    def wait(self, timeout: float) -> bool:
-        """Wait until something has arrived, at most `timeout` [s]; True if it has."""
-        return ready(self._socket.fileno(), select.POLLIN, timeout)
-
-    def close(self) -> None:
-        """Close the port; never raises."""
-        self._socket.close()
-
-
 class PacketOrder:
     """Order of datagrams by `seq`, per session; `lost` counts those that came late, or never."""
 
@@ -178,3 +121,79 @@ class PacketOrder:
             self.lost += ahead - 1
         self._newest, self._newest_ns = seq, now_ns
         return True
+
+
+class UdpPort:
+    """Reads the datagrams of one host without waiting; DeviceError for no such host, or a port that is taken.
+
+    `counters` count each datagram of that host; `hint` describes the last unusable one since a usable one, or is "".
+    """
+
+    def __init__(self, host: str, port: int, counters: DeviceCounters | None = None) -> None:
+        self.address = resolve(host)
+        self.counters = counters or DeviceCounters()
+        self.hint = ""
+        self._order = PacketOrder()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        # Packets of this machine are expected on its own address only.
+        own = self.address if self.address.startswith("127.") else ""
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+            self._socket.bind((own, port))
+        except OSError as error:
+            self._socket.close()
+            raise DeviceError(f"udp port {port} from {host}: cannot listen: {error.strerror or error}") from None
+
+    def read(self, most: int, kinds: Collection[Kind]) -> list[tuple[Packet, int]]:
+        """Return the next packets of these kinds, at most `most`, newer than all before them; all others are counted.
+
+        Each has CLOCK_MONOTONIC when it was read [ns]. No more than `MOST_LOOKED_AT` datagrams are read.
+        """
+        found: list[tuple[Packet, int]] = []
+        counters = self.counters
+        for _ in range(MOST_LOOKED_AT if most > 0 else 0):
+            try:
+                data, sender = self._socket.recvfrom(LONGEST + 1)
+            except BlockingIOError:
+                break
+            except OSError:
+                # An error of an earlier send, which does not concern what arrives.
+                continue
+            now = time.monotonic_ns()
+            if sender[0] != self.address:
+                self.hint = f"packets come from {sender[0]} instead"
+                continue
+            counters.frames += 1
+            try:
+                packet = decode_packet(data)
+            except PacketError as error:
+                counters.malformed += 1
+                self.hint = f"what came is no open packet: {error}"
+                continue
+            if packet.kind not in kinds:
+                counters.other += 1
+                wanted = ", ".join(str(int(kind)) for kind in kinds)
+                self.hint = f"packets of kind {int(packet.kind)} come; expected kind {wanted}"
+            elif self._order.take(packet.session, packet.seq, now):
+                found.append((packet, now))
+                self.hint = ""
+                if len(found) == most:
+                    break
+            else:
+                counters.other += 1
+        counters.dropped, counters.resyncs = self._order.lost, max(0, self._order.sessions - 1)
+        return found
+
+    @property
+    def descriptor(self) -> int:
+        """File descriptor to poll for incoming datagrams."""
+        return self._socket.fileno()
+
+    def wait(self, timeout: float) -> bool:
+        """Wait until something has arrived, at most `timeout` [s]; True if it has."""
+        return ready(self._socket.fileno(), select.POLLIN, timeout)
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._socket.close()

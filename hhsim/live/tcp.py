@@ -45,14 +45,9 @@ class TcpLink:
         self._retired_at = 0.0
         self._address: tuple[int, Any] | None = None
 
-    @property
-    def connected(self) -> bool:
-        """True if there is a connection, as far as is known."""
-        return self._socket is not None
-
-    def descriptor(self) -> int:
-        """Return the file descriptor of the connection, -1 if there is none."""
-        return -1 if self._socket is None else self._socket.fileno()
+    def descriptors(self) -> tuple[int, ...]:
+        """Return the file descriptor of the connection, () if there is none, as far as is known."""
+        return () if self._socket is None else (self._socket.fileno(),)
 
     def connect(self, timeout: float) -> None:
         """Connect within `timeout` [s]; raises DeviceError with the reason if that is not possible."""
@@ -171,7 +166,7 @@ class TcpLink:
                 if self._rest:
                     return False
             if not urgent:
-                unsent = fcntl.ioctl(self.descriptor(), termios.TIOCOUTQ, bytes(4))
+                unsent = fcntl.ioctl(link, termios.TIOCOUTQ, bytes(4))
                 if int.from_bytes(unsent, sys.byteorder) > MOST_UNSENT:
                     return False
             self._rest = data[link.send(data) :]
@@ -206,7 +201,7 @@ class TcpLink:
                 left = deadline - time.monotonic()
                 if left <= 0.0:
                     return False
-                ready(self.descriptor(), select.POLLOUT, left)
+                ready(self._open_socket().fileno(), select.POLLOUT, left)
                 # Empty data complete a message that was sent by half.
                 sent = self.send(b"" if sent else data, urgent=True) or sent
         except (DeviceError, OSError):
@@ -215,8 +210,8 @@ class TcpLink:
 
     def wait(self, timeout: float) -> None:
         """Wait until something has arrived, at most `timeout` [s]."""
-        if self.connected:
-            ready(self.descriptor(), select.POLLIN, timeout)
+        if self._socket is not None:
+            ready(self._socket.fileno(), select.POLLIN, timeout)
 
     def _open_socket(self) -> socket.socket:
         if self._socket is None:

@@ -5,11 +5,12 @@ the library already, so that it takes milliseconds; its answer is what it has re
 """
 
 import pickle
+import signal
 from collections.abc import Callable
 from typing import TypeVar
 
 from hhsim.errors import DamagedFileError, HhsimError
-from hhsim.system.posix import TIMED_OUT, call_in_child, memory_file
+from hhsim.system.posix import call_in_child, memory_file
 
 SECONDS, BYTES_PER_SECOND = 10.0, 1e6
 """Processor time for reading a file: so many seconds, and one more for so many bytes."""
@@ -74,7 +75,8 @@ def read_in_child(
     with memory_file() as out:
         code = call_in_child(work, limit, patience * limit, memory)
         if code:
-            why = f"reading it does not end within {limit} s" if code == TIMED_OUT else "its reader breaks down"
+            timed_out = -code in (signal.SIGXCPU, signal.SIGALRM)
+            why = f"reading it does not end within {limit} s" if timed_out else "its reader breaks down"
             raise DamagedFileError(f"{refusal}: {why}")
         out.seek(0)
         kind, value = pickle.load(out)

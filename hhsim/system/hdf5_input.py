@@ -98,7 +98,7 @@ def hdf5_format(path: Path) -> str:
 
 
 def _fault(path: Path) -> str:
-    """Describe the fault of a file; "" for none."""
+    """Describe the fault of a file, which a child process reads to its end; "" for none."""
     size = path.stat().st_size
     holds = seal_holds(path)
     if holds is False:
@@ -109,14 +109,6 @@ def _fault(path: Path) -> str:
     end = stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
-    return probe(path, size)
-
-
-def probe(path: Path, size: int) -> str:
-    """Read a file to its end in a child process, and describe its fault, "" for none; BlockingIOError while written.
-
-    Its first `size` bytes are HDF5, all but a seal.
-    """
     limits = {"seconds": SECONDS, "rate": BYTES_PER_SECOND, "patience": PATIENCE}
     try:
         read_in_child(lambda: read_to_end(path, size), "a damaged HDF5 file", size, **limits)

@@ -24,8 +24,6 @@ READ_FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
 """Flags to open a file that may turn out to be a pipe, which must not block."""
 CREATE_FLAGS = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
 """Flags to open a file for a lock."""
-KILLED, TIMED_OUT = -1, -2
-"""Codes of a child that ended without an answer, and of one that reached a limit of time."""
 
 
 def own_processors() -> list[int]:
@@ -81,16 +79,10 @@ def memory_file() -> BinaryIO:
 
 
 def call_in_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> int:
-    """Call a function in a forked child with limits.
+    """Call a function, which leaves its answer in a `memory_file`, in a forked child with limits; return its exit code.
 
-    Args:
-        work: Leaves its answer in a `memory_file`.
-        seconds: Limit of processor time.
-        patience: Limit of wall-clock time [s].
-        memory: Address space that the child may take besides what it has [byte]; Linux alone.
-
-    Returns:
-        0 where it returned, `TIMED_OUT` where it reached a limit of time, else `KILLED`.
+    The limits are processor time and wall-clock time, both [s], which end it by SIGXCPU and SIGALRM, and the address
+    space that it may take besides what it has [byte], on Linux alone.
     """
     with warnings.catch_warnings():
         # Python warns of threads, whose locks a child may find held: `work` takes none of them.
@@ -99,12 +91,11 @@ def call_in_child(work: Callable[[], None], seconds: int, patience: float, memor
     if child == 0:
         _be_the_child(work, seconds, patience, memory)
     try:
-        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     except BaseException:
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         raise
-    return TIMED_OUT if -code in (signal.SIGXCPU, signal.SIGALRM) else KILLED if code else 0
 
 
 def _be_the_child(work: Callable[[], None], seconds: int, patience: float, memory: int) -> None:

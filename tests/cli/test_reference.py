@@ -87,7 +87,7 @@ def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
     from hhsim.gate.suite import default_suite
     from hhsim.live.gloves import configure
-    from hhsim.live.session import settings as live_setup
+    from hhsim.live.session import setup as live_setup
     from hhsim.solver import options as solver_options
 
     usual, paper = (solver_options.SolverOptions(method=method) for method in ("coupled", "paper"))

@@ -17,7 +17,7 @@ from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device, open_release
 from hhsim.live.playback import Playback
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import OutputLimits, SafetyLimits
+from hhsim.live.session.setup import OutputLimits, SafetyLimits
 from hhsim.motion.trajectory import Trajectory
 
 Run = Callable[..., Any]

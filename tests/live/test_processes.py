@@ -18,9 +18,9 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     started = []
 
-    def begin(program: str, setup: int = 0) -> ChildProcess:
+    def begin(program: str) -> ChildProcess:
         (tmp_path / "child_program.py").write_text(program)
-        started.append(ChildProcess("child", "child_program", setup, []))
+        started.append(ChildProcess("child", "child_program", 0, []))
         return started[-1]
 
     yield begin
@@ -41,16 +41,6 @@ def test_what_it_has_done_begins_its_time_anew(start: Start) -> None:
     looks = itertools.count()
     assert not child.wait(2.0 * LOOK, lambda: min(next(looks), 6))
     assert child.running and next(looks) > 7
-
-
-def test_it_inherits_its_descriptors_and_leads_a_session_of_its_own(start: Start) -> None:
-    descriptor = os.memfd_create("test")
-    child = start("import os, sys\nos.write(int(sys.argv[2]), f'{os.getsid(0)} {os.getpid()}'.encode())", descriptor)
-    assert child.wait(60.0)
-    assert child.code == 0
-    assert os.pread(descriptor, 100, 0) == f"{child.pid} {child.pid}".encode()
-    assert os.getsid(0) != child.pid
-    os.close(descriptor)
 
 
 def test_nothing_is_imported_from_where_the_command_was_typed(

@@ -86,6 +86,23 @@ def opened() -> set[Path]:
     return {link.resolve() for link in Path("/proc/self/fd").iterdir()}
 
 
+LOCKED = """
+from hhsim.live.real_time import lock_memory
+try:
+    lock_memory()
+except OSError:
+    raise SystemExit(77)
+print(*(line.split()[1] for line in open("/proc/self/status") if line.startswith("VmLck")))
+"""
+
+
+def test_what_a_loop_uses_is_locked() -> None:
+    child = subprocess.run([sys.executable, "-c", LOCKED], capture_output=True, text=True, check=False)
+    if child.returncode == 77:
+        pytest.skip("no memory can be locked here")
+    assert int(child.stdout) > 1000, child.stderr
+
+
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
     wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
     memory = SessionMemory.create()

@@ -127,7 +127,7 @@ def test_datasets_larger_than_their_file_are_not_read(tmp_path: Path, count: int
 def test_what_is_no_hdf5_file_starts_no_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "text.h5"
     path.write_text("no HDF5" * 1000)
-    monkeypatch.setattr(hdf5_input, "probe", lambda *_: pytest.fail("a child was started"))
+    monkeypatch.setattr(hdf5_input, "read_in_child", lambda *_, **__: pytest.fail("a child was started"))
     with pytest.raises(OSError, match="its signature is not there"):
         open_hdf5(path)
     assert hdf5_format(path) == ""

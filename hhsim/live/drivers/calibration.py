@@ -50,7 +50,7 @@ class GloveCalibration:
         return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """See `hhsim.live.device.Calibration`."""
+        """See `DexmoRegression.bend_lines`."""
         return self.regression.bend_lines()
 
     def bend_ends(self) -> tuple[FloatArray, FloatArray]:
@@ -70,12 +70,6 @@ class GloveCalibration:
             return None
         angles = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
         return angles[:15].reshape(5, 3), angles[15:]
-
-    def readings(self, bends: FloatArray) -> FloatArray:
-        """Return all channels (11,) from bends (5,); the others are at rest."""
-        found = self.regression.open.copy()
-        found[BENDS] = bends
-        return found
 
 
 def glove_calibration(options: DexmoOptions, hand: str) -> GloveCalibration:

@@ -9,7 +9,6 @@ opened again. Forces cannot be commanded: each finger takes the bend at which it
 """
 
 import contextlib
-import itertools
 import math
 import struct
 import time
@@ -71,18 +70,12 @@ SETTLE = 0.1
 """Time after the first glove in which others are searched for [s]."""
 LEAST_SET_POINT = 1e-3
 """Least set point: its sign is its direction, which 0 would not have."""
-MOST_KEPT = 1 << 20
-"""Most bytes before the glove is found."""
 
 _channels = attrgetter(*CHANNELS)
 
 
-class FramingError(HhsimError):
-    """A length that no message has: the framing is lost until a new connection."""
-
-
 class WireError(HhsimError):
-    """Bytes that are no message."""
+    """Bytes that are no message, or a length of none: then the framing is lost until a new connection."""
 
 
 class GloveMessage(NamedTuple):
@@ -122,12 +115,12 @@ def framed(payload: bytes) -> bytes:
 
 
 def next_message(waiting: bytearray) -> bytes | None:
-    """Take the next message off what has arrived; None until it is whole, FramingError for a length of none."""
+    """Take the next message off what has arrived; None until it is whole, WireError for a length of none."""
     if len(waiting) < LENGTH.size:
         return None
     (length,) = LENGTH.unpack_from(waiting)
     if not 0 <= length <= MOST_BYTES:
-        raise FramingError(f"a message of {length} bytes: expected 0 to {MOST_BYTES}")
+        raise WireError(f"a message of {length} bytes: expected 0 to {MOST_BYTES}")
     end = LENGTH.size + length
     if end > len(waiting):
         return None
@@ -207,7 +200,7 @@ class DexmoGlove(GloveDevice):
         if self._lost is None:
             try:
                 self._take_bytes()
-            except FramingError as error:
+            except WireError as error:
                 self._give_up(f"the stream from its server makes no sense: {error}")
             except DeviceError as error:
                 # Messages received before the end are still read.
@@ -223,7 +216,7 @@ class DexmoGlove(GloveDevice):
 
     def descriptors(self) -> tuple[int, ...]:
         """See `GloveDevice.descriptors`."""
-        return (self._link.descriptor(),) if self._link.connected else ()
+        return self._link.descriptors()
 
     def send(self, command: FingerCommand) -> bool:
         """See `GloveDevice.send`; fingers of a command that is not finite are free."""
@@ -290,30 +283,26 @@ class DexmoGlove(GloveDevice):
         )
 
     def _find(self, timeout: float) -> None:
-        """Connect and wait for finite channels of the glove; received frames are kept for `read`."""
-        deadline = time.monotonic() + timeout
+        """Connect, and read frames until one has finite channels of the glove; they are counted as others."""
+        deadline, settled = time.monotonic() + timeout, False
         self._link.connect(timeout)
         self._waiting.clear()
         self._begin_stream()
         self._device_id, self._other_hand = None, False
         seen: dict[int, GloveMessage] = {}
-        settled, received, looked_at = deadline, 0, 0
         try:
-            while (now := time.monotonic()) < min(deadline, settled):
-                self._link.wait(min(deadline, settled) - now)
-                received += self._take_bytes()
-                if received > MOST_KEPT:
-                    raise FramingError(f"more than {MOST_KEPT >> 20} MB without its glove")
-                for frame, _ in itertools.islice(self._waiting, looked_at, None):
-                    for message in decode_frame(frame):
+            while self._wanted_id not in seen and (left := deadline - time.monotonic()) > 0.0:
+                self._link.wait(left)
+                self._take_bytes()
+                while self._waiting:
+                    self.counters.frames += 1
+                    self.counters.other += 1
+                    for message in decode_frame(self._waiting.popleft()[0]):
                         if message.channels is not None and all(map(math.isfinite, message.channels)):
                             seen[message.device_id] = message
-                looked_at = len(self._waiting)
-                if self._wanted_id in seen:
-                    break
-                if self._wanted_id is None and settled == deadline and self._candidates(seen):
-                    settled = time.monotonic() + SETTLE
-        except (FramingError, WireError) as error:
+                if self._wanted_id is None and not settled and self._candidates(seen):
+                    deadline, settled = min(deadline, time.monotonic() + SETTLE), True
+        except WireError as error:
             self._link.close()
             raise DeviceError(f"{self._link.name}: what answers there is no Dexmo server: {error}") from None
         found = self._candidates(seen)
@@ -352,14 +341,12 @@ class DexmoGlove(GloveDevice):
             self._begin_stream()
             self.counters.resyncs += 1
 
-    def _take_bytes(self) -> int:
-        """Cut what has arrived into `_waiting`; returns how many bytes that was."""
-        data = self._link.receive() or b""
+    def _take_bytes(self) -> None:
+        """Cut what has arrived into `_waiting`."""
+        self._bytes += self._link.receive() or b""
         now = time.monotonic_ns()
-        self._bytes += data
         while (frame := next_message(self._bytes)) is not None:
             self._waiting.append((frame, now))
-        return len(data)
 
     def _give_up(self, reason: str) -> None:
         """Free the fingers and end an unusable connection."""

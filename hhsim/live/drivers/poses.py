@@ -13,7 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.device import GloveDevice, PalmReading
 from hhsim.live.gloves import PoseConfig
-from hhsim.live.open_packet import Kind, PacketOrder, UdpPort
+from hhsim.live.open_packet import MOST_LOOKED_AT, Kind, UdpPort
 from hhsim.live.playback import ORIENTATION, POSITION
 
 
@@ -58,6 +58,11 @@ UNIT_WITHIN = 0.1
 """Largest difference of a tracker's quaternion's length from 1."""
 
 
+Pose = tuple[int, FloatArray, FloatArray]
+"""CLOCK_MONOTONIC when it came [ns], -1 for none yet; palm origin [m], shape (3,); unit (w, x, y, z), shape (4,)."""
+NO_POSE: Pose = (-1, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+
 class PoseSource(ABC):
     """Source of the palm's pose in the world frame; `read` never blocks."""
 
@@ -72,12 +77,8 @@ class PoseSource(ABC):
         return ()
 
     @abstractmethod
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
-        """Write the newest pose: palm origin [m], shape (3,), and unit (w, x, y, z), shape (4,), all finite.
-
-        Returns CLOCK_MONOTONIC [ns] at which it came; `now_ns`, that of the tick, if it cannot age, -1 if there is none
-        yet and nothing was written.
-        """
+    def read(self, now_ns: int) -> Pose:
+        """Return the newest pose, all finite; one that cannot age came at `now_ns`, the time of the tick."""
 
     def close(self) -> None:
         """Disconnect; never raises."""
@@ -107,28 +108,24 @@ class FixedPose(PoseSource):
 
     def __init__(self, config: PoseConfig, status: Any = None) -> None:
         self.name = "fixed pose" if config.kind == "fixed" else config.kind
-        self._position: FloatArray = np.array(config.position)
         length = float(np.linalg.norm(config.orientation))
         if length < LEAST_LENGTH:
             raise InputError(f"orientation {config.orientation}; expected a quaternion other than 0")
-        self._orientation: FloatArray = np.array(config.orientation) / length
-        self._status = status
-        self._seen = 0
+        self._pose: tuple[FloatArray, FloatArray] = np.array(config.position), np.array(config.orientation) / length
+        self._status, self._seen = status, 0
 
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+    def read(self, now_ns: int) -> Pose:
         """See `PoseSource.read`."""
         status = self._status
         version = self._seen if status is None else int(status["pose_version"])
         # Take a pose that is new, whole and finite.
         if version != self._seen and version % 2 == 0:
-            position, orientation = status["pose_position"].copy(), status["pose_orientation"].copy()
+            pose = status["pose_position"].copy(), status["pose_orientation"].copy()
             if int(status["pose_version"]) == version:
                 self._seen = version
-                if np.isfinite(position).all() and np.isfinite(orientation).all():
-                    self._position, self._orientation = position, orientation
-        position_out[:] = self._position
-        orientation_out[:] = self._orientation
-        return now_ns
+                if np.isfinite(np.concatenate(pose)).all():
+                    self._pose = pose
+        return now_ns, *self._pose
 
 
 class GlovePose(PoseSource):
@@ -140,20 +137,17 @@ class GlovePose(PoseSource):
     name = "pose of the glove"
 
     def __init__(self, config: PoseConfig, palm: PalmReading) -> None:
-        self._palm = palm
-        self._begin: FloatArray = np.array(config.position)
+        self._palm, self._begin = palm, np.array(config.position)
         self._first: FloatArray | None = None
 
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+    def read(self, now_ns: int) -> Pose:
         """See `PoseSource.read`."""
         palm = self._palm
-        if palm.came_ns >= 0:
-            if self._first is None:
-                self._first = palm.position.copy()
-            np.subtract(palm.position, self._first, out=position_out)
-            position_out += self._begin
-            orientation_out[:] = palm.orientation
-        return palm.came_ns
+        if palm.came_ns < 0:
+            return NO_POSE
+        if self._first is None:
+            self._first = palm.position.copy()
+        return palm.came_ns, self._begin + (palm.position - self._first), palm.orientation
 
 
 class ReplayPose(PoseSource):
@@ -164,12 +158,10 @@ class ReplayPose(PoseSource):
         self.name = f"replay of {config.playback.trajectory.name or 'a motion'}"
         self._playback = config.playback
 
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+    def read(self, now_ns: int) -> Pose:
         """See `PoseSource.read`."""
         row = self._playback.at(self._playback.elapsed(now_ns))
-        position_out[:] = row[POSITION]
-        orientation_out[:] = row[ORIENTATION] / np.linalg.norm(row[ORIENTATION])
-        return now_ns
+        return now_ns, row[POSITION], row[ORIENTATION] / np.linalg.norm(row[ORIENTATION])
 
 
 class UdpPose(PoseSource):
@@ -177,35 +169,26 @@ class UdpPose(PoseSource):
 
     def __init__(self, config: PoseConfig) -> None:
         self.name = f"udp pose from {config.host} at port {config.port}"
-        self._config = config
+        self._config, self._pose = config, NO_POSE
         self._port: UdpPort | None = None
-        self._order = PacketOrder()
-        self._position, self._orientation = np.zeros(3), np.zeros(4)
-        self._came_ns = -1
 
     def open(self) -> None:
         """See `PoseSource.open`; does not wait for a pose."""
-        self.close()
         self._port = UdpPort(self._config.host, self._config.port)
 
     def descriptors(self) -> tuple[int, ...]:
         """See `PoseSource.descriptors`."""
         return () if self._port is None else (self._port.descriptor,)
 
-    def read(self, now_ns: int, position_out: FloatArray, orientation_out: FloatArray) -> int:
+    def read(self, now_ns: int) -> Pose:
         """See `PoseSource.read`."""
-        port = self._port
-        for packet, came in port.arrived() if port is not None else ():
-            if port is not None and packet.kind is Kind.POSE and self._order.take(packet.session, packet.seq, came):
-                values = packet.values.astype(np.float64)
-                length = float(np.linalg.norm(values[3:]))
-                # NaN compares false.
-                if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
-                    self._position, self._orientation, self._came_ns = values[:3], values[3:] / length, came
-        if self._came_ns >= 0:
-            position_out[:] = self._position
-            orientation_out[:] = self._orientation
-        return self._came_ns
+        for packet, came in () if self._port is None else self._port.read(MOST_LOOKED_AT, [Kind.POSE]):
+            values = packet.values.astype(np.float64)
+            length = float(np.linalg.norm(values[3:]))
+            # NaN compares false.
+            if (np.abs(values[:3]) <= FARTHEST).all() and abs(length - 1.0) <= UNIT_WITHIN:
+                self._pose = came, values[:3], values[3:] / length
+        return self._pose
 
     def close(self) -> None:
         """See `PoseSource.close`."""

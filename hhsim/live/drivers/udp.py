@@ -29,7 +29,7 @@ from hhsim.live.device import (
     PalmReading,
 )
 from hhsim.live.gloves import GLOVES, GloveConfig, PacketOptions
-from hhsim.live.open_packet import NONE_YET, Kind, Packet, PacketOrder, UdpPort, encode_packet, resolve
+from hhsim.live.open_packet import NONE_YET, Kind, Packet, UdpPort, encode_packet, resolve
 
 if TYPE_CHECKING:
     from hhsim.live.drivers.tracked_hand import TrackedHand
@@ -60,8 +60,7 @@ class UdpGlove(GloveDevice):
         assert isinstance(options, PacketOptions)
         self._config, self._options = config, options
         self._name = f"{config.kind} bridge at {options.host}, samples to port {options.port}"
-        self._kinds = (Kind.HAND,) if GLOVES[config.kind].palm else (Kind.BENDS, Kind.JOINTS)
-        self._kind: Kind | None = None
+        self._kinds: tuple[Kind, ...] = ()
         self.palm = PalmReading() if GLOVES[config.kind].palm else None
         self.counters = DeviceCounters()
         self._port: UdpPort | None = None
@@ -69,9 +68,6 @@ class UdpGlove(GloveDevice):
         self._target = ("", 0)
         self._session = int.from_bytes(os.urandom(4), "little")
         self._sent, self._answers = 0, NONE_YET
-        self._order = PacketOrder()
-        self._unused: Kind | None = None
-        self._hint_raised = False
         self._waiting: deque[tuple[Packet, int]] = deque()
         self._heard_ns = 0
         self._angles = np.zeros((FINGER_COUNT, 3)), np.zeros(FINGER_COUNT)
@@ -90,9 +86,9 @@ class UdpGlove(GloveDevice):
             self._tracked = TrackedHand(self._config.hand)
         self.open_for_release(timeout)
         self._waiting.clear()
-        self._kind = self._unused = None
+        self._kinds = (Kind.BENDS, Kind.JOINTS) if self.palm is None else (Kind.HAND,)
         try:
-            self._port = UdpPort(self._options.host, self._options.port)
+            self._port = UdpPort(self._options.host, self._options.port, self.counters)
         except DeviceError:
             self.close()
             raise
@@ -100,12 +96,14 @@ class UdpGlove(GloveDevice):
         while not self._waiting:
             left = deadline - time.monotonic()
             if left <= 0.0:
-                hint = self._rejected_input() or "is the bridge running, and does it send to that port?"
+                hint = self._port.hint or "is the bridge running, and does it send to that port?"
                 self.close()
                 raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
             self._port.wait(left)
             self._receive(1)
-        self.info = self._describe(self._waiting[0][0])
+        first, _ = self._waiting[0]
+        self._kinds = (first.kind,)
+        self.info = self._describe(first.kind)
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`; the port of the samples stays with the loop."""
@@ -137,8 +135,7 @@ class UdpGlove(GloveDevice):
             )
             count += 1
         if count == 0 and time.monotonic_ns() - self._heard_ns > SILENCE_NS:
-            hint = self._rejected_input()
-            self._hint_raised = bool(hint)
+            hint = self._port.hint
             what = "no sample" if hint else "nothing"
             raise DeviceError(f"{self._name}: {what} came for {1e-9 * SILENCE_NS:g} s{hint and ': '}{hint}")
         return count
@@ -158,7 +155,7 @@ class UdpGlove(GloveDevice):
         sent = False
         for _ in range(RELEASE_COPIES):
             with contextlib.suppress(DeviceError):
-                sent = self._send(None) or sent
+                sent = self._send(FingerCommand()) or sent
         return sent
 
     def reconnect(self) -> bool:
@@ -167,9 +164,6 @@ class UdpGlove(GloveDevice):
             return self._out is not None
         if not self._waiting:
             self._receive(1)
-        if not self._waiting and not self._hint_raised and (hint := self._rejected_input()):
-            self._hint_raised = True
-            raise DeviceError(f"{self._name}: {hint}")
         return bool(self._waiting)
 
     def close(self) -> None:
@@ -179,18 +173,14 @@ class UdpGlove(GloveDevice):
                 end.close()
         self._port = self._out = None
 
-    def _send(self, command: FingerCommand | None) -> bool:
-        """Send a command, or a release."""
+    def _send(self, command: FingerCommand) -> bool:
         if self._out is None:
             raise DeviceError(f"{self._name}: not open")
         if self._options.takes == "forces":
-            most = self._options.most_force
-            kind, numbers = Kind.FORCES, NO_FORCE if command is None else limited(command.force[:, 2], most)
+            kind, numbers = Kind.FORCES, limited(command.force[:, 2], self._options.most_force)
         else:
-            kind, numbers = Kind.COMMAND, NO_LIMIT
-            if command is not None:
-                told = np.concatenate([command.bend, command.stiffness])
-                numbers = np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
+            told = np.concatenate([command.bend, command.stiffness])
+            kind, numbers = Kind.COMMAND, np.clip(told, 0.0, 1.0) if np.isfinite(told).all() else NO_LIMIT
         stamp = time.monotonic_ns()
         data = encode_packet(kind, numbers, session=self._session, seq=self._sent, t_ns=stamp, answers=self._answers)
         try:
@@ -204,38 +194,11 @@ class UdpGlove(GloveDevice):
         return True
 
     def _receive(self, most: int) -> None:
-        """Take at most so many samples of what has arrived; each datagram is counted."""
+        """Take at most so many samples of what has arrived."""
         assert self._port is not None
-        if most < 1:
-            return
-        counters, before = self.counters, self._port.malformed
-        for packet, now in self._port.arrived():
-            counters.frames += 1
-            if packet.kind not in (self._kinds if self._kind is None else (self._kind,)):
-                counters.other += 1
-                self._unused = packet.kind
-            elif self._order.take(packet.session, packet.seq, now):
-                self._waiting.append((packet, now))
-                self._heard_ns = now
-                self._kind = packet.kind
-                self._unused, self._port.hint = None, ""
-                most -= 1
-                if most < 1:
-                    break
-            else:
-                counters.other += 1
-        malformed = self._port.malformed - before
-        counters.malformed += malformed
-        counters.frames += malformed
-        counters.dropped = self._order.lost
-        counters.resyncs = max(0, self._order.sessions - 1)
-
-    def _rejected_input(self) -> str:
-        """Describe packets since the last sample that are none; "" without any."""
-        if self._unused is None:
-            return self._port.hint if self._port is not None else ""
-        wanted = ", ".join(str(int(kind)) for kind in (self._kinds if self._kind is None else (self._kind,)))
-        return f"packets of kind {int(self._unused)} come; this glove's are of kind {wanted}"
+        for packet, now in self._port.read(most, self._kinds):
+            self._waiting.append((packet, now))
+            self._heard_ns = now
 
     def _take(self, values: FloatArray, now_ns: int) -> bool:
         """Set the angles, and the palm, from a sample's numbers; False beyond a hand's range."""
@@ -247,7 +210,7 @@ class UdpGlove(GloveDevice):
             self.palm.position[:], self.palm.orientation[:], self.palm.came_ns = fit.position, fit.orientation, now_ns
             return True
         # NaN compares false.
-        if self._kind is Kind.JOINTS:
+        if self._kinds == (Kind.JOINTS,):
             usable = bool((np.abs(values) <= MOST_ANGLE).all())
             found = values[:15].reshape(FINGER_COUNT, 3), values[15:]
         else:
@@ -257,8 +220,8 @@ class UdpGlove(GloveDevice):
             self._angles = found
         return usable
 
-    def _describe(self, first: Packet) -> GloveInfo:
-        """Describe the glove from its first packet."""
+    def _describe(self, kind: Kind) -> GloveInfo:
+        """Describe the glove by the kind of its packets."""
         from hhsim.recordings.column_map import JOINT_NAMES
         from hhsim.recordings.joint_names import KEYPOINTS
 
@@ -266,7 +229,7 @@ class UdpGlove(GloveDevice):
             Kind.BENDS: (tuple(f"{finger}_bend" for finger in FINGERS), ""),
             Kind.JOINTS: (JOINT_NAMES, "rad"),
             Kind.HAND: (tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"), "m"),
-        }[first.kind]
+        }[kind]
         capabilities = FORCES if self._options.takes == "forces" else LIMITS
         return GloveInfo(self._name, channels, capabilities, self._config.hand, unit)
 

@@ -23,7 +23,7 @@ from hhsim.live.processes import Stage
 from hhsim.live.real_time import RealTimeWishes, become_real_time
 from hhsim.live.session.memory import SessionMemory
 from hhsim.result.safety import Safety
-from hhsim.result.schema import FAULT, WARNING
+from hhsim.result.schema import FAULT
 
 MOST_SAMPLES = 64
 """Samples read at once."""
@@ -62,7 +62,6 @@ class GloveDriver:
         self._version = memory.status["command_version"]
         self._sent_version = 0
         self._samples = np.zeros(MOST_SAMPLES, GLOVE_SAMPLE)
-        self._position, self._orientation = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         self._lost = False
         self._reconnect_ns = 0
         self._empty_looks = 0
@@ -83,7 +82,7 @@ class GloveDriver:
     def close(self) -> None:
         """Release the glove, and close the connections."""
         if not self._dry_run and not self.device.release():
-            self._log(FAULT, "the glove could not be told to free the fingers")
+            self.memory.log(FAULT, f"{self._whose}the glove could not be told to free the fingers")
         self._status["counters"][:] = self.device.counters.values()
         self.device.close()
         self.pose.close()
@@ -140,12 +139,10 @@ class GloveDriver:
                 self._keep(count)
                 if 0 < count < MOST_SAMPLES:
                     self._empty_looks = 0
-        came = self.pose.read(now, self._position, self._orientation)
+        came, position, orientation = self.pose.read(now)
         if came >= 0:
             status["palm_version"][0] += 1
-            status["palm_position"] = self._position
-            status["palm_orientation"] = self._orientation
-            status["palm_ns"] = came
+            status["palm_position"], status["palm_orientation"], status["palm_ns"] = position, orientation, came
             status["palm_version"][0] += 1
         status["counters"][:] = self.device.counters.values()
 
@@ -168,9 +165,6 @@ class GloveDriver:
         self._reconnect_ns = 0
         self.memory.why_lost = str(error)
         self._status["device_lost"] = 1
-
-    def _log(self, level: int, text: str) -> None:
-        self.memory.log(level, f"{self._whose}{text}")
 
     def _new_command(self) -> bool:
         version = int(self._version[0])
@@ -198,12 +192,7 @@ class GloveDriver:
         if now < self._reconnect_ns or not self._status["command_safety"] & int(Safety.DEVICE_LOST):
             return False
         self._reconnect_ns = now + RECONNECT_NS
-        try:
-            if not self.device.reconnect():
-                return False
-        except DeviceError as error:
-            self._log(WARNING, f"the glove is still gone: {error}")
-            return False
-        self._lost = False
-        self._status["device_lost"] = 0
-        return True
+        with contextlib.suppress(DeviceError):
+            self._lost = not self.device.reconnect()
+        self._status["device_lost"] = self._lost
+        return not self._lost

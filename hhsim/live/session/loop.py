@@ -46,7 +46,7 @@ from hhsim.live.processes import Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.memory import SessionMemory, session_process
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits, WornGlove
+from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
@@ -86,7 +86,7 @@ def deadline_record(period_ns: int, now_ns: int) -> Any:
 def commander_record(
     limits: OutputLimits, bend_lines: tuple[FloatArray, FloatArray], period: float, *, feels: bool = False
 ) -> Any:
-    """Return the `COMMANDER` of free fingers, with lines as of `Calibration.bend_lines` and the period of a tick [s].
+    """Return the `COMMANDER` of free fingers by `DexmoRegression.bend_lines` and the period of a tick [s].
 
     `feels` is True if the glove takes forces.
     """
@@ -198,7 +198,7 @@ class LoopHand:
             samples=memory.samples.records.view(np.recarray),
             samples_written=memory.samples.counter,
         )
-        self.story = Story(setup, memory, info, self.live.notes, self.live.refused, self.live.loop, whose)
+        self.story = Story(setup, memory, info, self.live, whose)
         at: Any = self.live.loop[0]
         self.at = at
         at.periods = setup.periods
@@ -485,21 +485,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     setup, memory = session_process("loop", arguments)
     ending = Ending()
 
-    def tell(**values: int) -> None:
-        for hand in memory.hands:
-            for name, value in values.items():
-                hand.status[name] = value
-
     def body() -> None:
         if not end_with(setup.supervisor):
             raise HhsimError("the loop's supervisor ended before the loop began")
         run_session(setup, memory, ending)
 
-    tell(loop_pid=os.getpid(), stage=Stage.STARTING)
+    memory.tell(loop_pid=os.getpid(), stage=Stage.STARTING)
     try:
         return exit_code(body, lambda text: memory.log(FAULT, text))
     finally:
-        tell(stage=Stage.ENDED)
+        memory.tell(stage=Stage.ENDED)
 
 
 if __name__ == "__main__":

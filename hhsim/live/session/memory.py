@@ -138,6 +138,12 @@ class SessionMemory:
         """Descriptors of all hands, which a child inherits."""
         return [hand.descriptor for hand in self.hands]
 
+    def tell(self, **values: int) -> None:
+        """Set fields of the status of each hand."""
+        for hand in self.hands:
+            for name, value in values.items():
+                hand.status[name] = value
+
     def with_setup(self, setup: object) -> int:
         """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
         return write_setup((self.descriptors, self._bodies), setup)

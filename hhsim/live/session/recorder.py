@@ -32,7 +32,7 @@ from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
@@ -301,17 +301,12 @@ class Recorder:
     """Reads the rings of a session and writes its file; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        if setup.record is None:
-            raise ValueError("the session is not to be recorded")
+        assert setup.record is not None
         self._path = setup.record
         self._setup = setup
         self._memory = memory
         self._ticks = TickReader(memory)
-        self._readers = [
-            (number, ring, RingReader(getattr(hand, ring)))
-            for number, hand in enumerate(memory.hands)
-            for ring in RINGS[1:]
-        ]
+        self._readers = [{ring: RingReader(getattr(hand, ring)) for ring in RINGS[1:]} for hand in memory.hands]
         self._parent = os.getppid()
         self._loop = LoopProcess(memory.status)
         self._stop = False
@@ -347,16 +342,10 @@ class Recorder:
                 return
             status = self._memory.status
             writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
-            self._tell(writer)
 
     @property
     def _counters(self) -> AnyArray:
         return np.stack([hand.status["counters"] for hand in self._memory.hands])
-
-    def _tell(self, writer: SessionWriter) -> None:
-        """Tell each hand's status how much is written and lost."""
-        for hand in self._memory.hands:
-            hand.status["recorder_ticks"], hand.status["recorder_lost"] = writer.ticks, self._ticks.lost
 
     def _follow(self, writer: SessionWriter) -> str:
         """Write block after block until the session has ended; returns the reason."""
@@ -371,14 +360,14 @@ class Recorder:
                 continue
             first, ticks = self._ticks.read_hands(BLOCK_RECORDS)
             taken = [{"ticks": (first, records)} for records in ticks]
-            for hand in writer.hands:
+            for hand, of, readers in zip(writer.hands, taken, self._readers):
                 hand.lost["ticks"] = self._ticks.lost
-            for number, ring, reader in self._readers:
-                taken[number][ring] = reader.read(BLOCK_RECORDS)
-                writer.hands[number].lost[ring] = reader.lost
+                for ring, reader in readers.items():
+                    of[ring] = reader.read(BLOCK_RECORDS)
+                    hand.lost[ring] = reader.lost
             writer.write(taken, self._counters)
             written = now
-            self._tell(writer)
+            self._memory.tell(recorder_ticks=writer.ticks, recorder_lost=self._ticks.lost)
             if over and all(len(records) < BLOCK_RECORDS for of in taken for _, records in of.values()):
                 return ended or CUT_SHORT
 

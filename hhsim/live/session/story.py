@@ -10,7 +10,7 @@ from hhsim.kernels.live import plausibility as codes
 from hhsim.kernels.live.plausibility import CAPACITY, MOST_ANGLE, TRUST
 from hhsim.live.device import GloveInfo
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.result.miss_cause import WORDS as MISS_WORDS
 from hhsim.result.miss_cause import MissCause
 from hhsim.result.safety import WORDS, Safety
@@ -42,8 +42,24 @@ NAMES = ("thumb", "index finger", "middle finger", "ring finger", "little finger
 LOST = 1
 """Samples in a row that a link may lose unnoticed; the next one is then that many intervals late, and one more."""
 
+AFTERWARDS = f"kept free until it was plausible for {TRUST:g} s"
+FOUND: dict[int, Line] = {
+    codes.JUMPED: (
+        WARNING,
+        "{finger} jumped by {degrees:.0f}° in one sample: not believed until it stays, and kept free",
+    ),
+    codes.JUMPED_BACK: (INFORMATION, f"{{finger}} came back from its jump: {AFTERWARDS}"),
+    codes.JUMP_FOLLOWED: (INFORMATION, f"{{finger}} stays where it jumped to, and is followed: {AFTERWARDS}"),
+    codes.STUCK: (
+        WARNING,
+        "{finger} has not changed by one bit in {value:.1f} s in which {first} and {second} moved: "
+        "is its sensor stuck? It is kept free",
+    ),
+    codes.MOVES_AGAIN: (INFORMATION, f"{{finger}} moves again: {AFTERWARDS}"),
+}
+"""Level and text of what `hhsim.kernels.live.plausibility.use_sample` notes of a finger."""
+
 _NUMBERS = ("time_ns", "code", "place", "count")
-_IN_SAMPLE = (codes.JUMPED, codes.JUMPED_BACK, codes.JUMP_FOLLOWED, codes.MOVES_AGAIN, codes.STUCK)
 
 
 class SafetyLog:
@@ -75,23 +91,14 @@ class SafetyLog:
 
 
 class Story:
-    """Writes a session's log from records of `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`.
+    """Writes a session's log from its `LiveArrays`; `tell` is for one thread, `detail` as of `SafetyLog`.
 
     Each line begins with `whose`.
     """
 
-    def __init__(
-        self,
-        setup: LiveSetup,
-        memory: SessionMemory,
-        info: GloveInfo,
-        notes: Any,
-        refused: Any,
-        loop: Any,
-        whose: str = "",
-    ) -> None:
+    def __init__(self, setup: LiveSetup, memory: SessionMemory, info: GloveInfo, live: Any, whose: str = "") -> None:
         self._stale, self._memory, self._info, self._whose = setup.safety.stale, memory, info, whose
-        self._notes, self._refused, self._loop = notes[0], refused[0], loop[0]
+        self._notes, self._refused, self._loop = live.notes[0], live.refused[0], live.loop[0]
         self._next = 0
         self._begun = False
         self._log = SafetyLog()
@@ -123,7 +130,7 @@ class Story:
     def _lines(self, time_ns: int, code: int, place: int, count: int, value: float) -> list[Line]:
         """Return the lines of a note; notes that only explain a later one change `detail`."""
         detail = self.detail
-        if code in _IN_SAMPLE:
+        if code in FOUND:
             return [found_in_sample(code, place, count, value)]
         if code == codes.BEGAN_INSIDE:
             return [(WARNING, BEGINS_INSIDE)]
@@ -153,21 +160,10 @@ def doubts(info: GloveInfo) -> list[str]:
 
 
 def found_in_sample(code: int, place: int, count: int, value: float) -> Line:
-    """Return the line for a note of `hhsim.kernels.live.plausibility.use_sample`."""
-    finger = NAMES[place]
-    if code == codes.JUMPED:
-        jumped = f"{finger} jumped by {math.degrees(value):.0f}° in one sample"
-        return WARNING, f"{jumped}: not believed until it stays, and kept free"
-    if code == codes.STUCK:
-        others = f"{NAMES[count // 8]} and {NAMES[count % 8]}"
-        still = f"{finger} has not changed by one bit in {value:.1f} s in which {others} moved"
-        return WARNING, f"{still}: is its sensor stuck? It is kept free"
-    texts = {
-        codes.JUMPED_BACK: "came back from its jump",
-        codes.JUMP_FOLLOWED: "stays where it jumped to, and is followed",
-        codes.MOVES_AGAIN: "moves again",
-    }
-    return INFORMATION, f"{finger} {texts[code]}: kept free until it was plausible for {TRUST:g} s"
+    """Return the line for a note of `FOUND`."""
+    level, text = FOUND[code]
+    names = {"finger": NAMES[place], "first": NAMES[count // 8], "second": NAMES[count % 8]}
+    return level, text.format(**names, degrees=math.degrees(value), value=value)
 
 
 def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) -> str:
@@ -187,7 +183,7 @@ def implausible_reading(sample: Any, info: GloveInfo, known: NDArray[np.bool_]) 
     channel = int(np.nanargmax(values))
     hint = ": are the angles in degrees?" if info.unit == "rad" and values[channel] <= 360.0 else ""
     if not info.unit:
-        hint = ": raw counts need --calibration with the readings of the open and of the closed hand"
+        hint = ": raw counts need a calibration with the readings of the open and of the closed hand"
     reading = f"{info.channels[channel]} is {sample['channels'][channel]:.4g}{unit}"
     return f"{reading}, and {most:.3g}{unit} the most of a hand{hint}"
 

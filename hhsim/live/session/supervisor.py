@@ -27,7 +27,7 @@ from hhsim.live.device import DeviceCounters
 from hhsim.live.processes import ChildProcess, RingReader, Stage, write_setup
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
@@ -212,7 +212,7 @@ class Supervisor:
     def request_stop(self, reason: str) -> None:
         """Request the loop to free the fingers and end; the first reason is kept."""
         self._reason = self._reason or reason
-        self._tell(stop_requested=-NOT_BY_THE_USER.get(reason, -1))
+        self.memory.tell(stop_requested=-NOT_BY_THE_USER.get(reason, -1))
 
     def end(self, reason: str = "") -> SessionOutcome:
         """End all processes in order for a reason, if nothing else has ended the session; may be called again."""
@@ -239,12 +239,6 @@ class Supervisor:
 
     def _start(self, name: str) -> None:
         self._children[name] = ChildProcess(name, MODULES[name], self._setups[name], self.memory.descriptors)
-
-    def _tell(self, **values: int) -> None:
-        """Set fields of the status of each hand."""
-        for hand in self.memory.hands:
-            for name, value in values.items():
-                hand.status[name] = value
 
     def _watch_loop(self) -> None:
         heartbeat, running = int(self.memory.status["heartbeat_ns"]), self.stage == Stage.RUNNING
@@ -274,9 +268,9 @@ class Supervisor:
     def _end_loop(self) -> None:
         loop, status = self._children.get(LOOP), self.memory.status
         if loop is None:
-            self._tell(stage=Stage.ENDED)
+            self.memory.tell(stage=Stage.ENDED)
             return
-        self._tell(stop_requested=int(status["stop_requested"]) or 1)
+        self.memory.tell(stop_requested=int(status["stop_requested"]) or 1)
         starting = self.stage == Stage.STARTING
         if starting:
             # No finger is held yet, and the request is not read while a kernel is compiled.
@@ -296,7 +290,7 @@ class Supervisor:
             until = time.monotonic() + RELEASE_PATIENCE
             while self.pid(WATCHDOG) is not None and time.monotonic() < until:
                 time.sleep(0.01)
-            self._tell(stage=Stage.ENDED)
+            self.memory.tell(stage=Stage.ENDED)
 
     def _end_child(self, name: str, patience: float, activity: Callable[[], str]) -> bool:
         """Wait for a process that does `activity`, `patience` [s] before SIGTERM; True if it just ends."""

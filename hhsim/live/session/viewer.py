@@ -26,7 +26,7 @@ from hhsim.live.processes import RingReader, Stage, exit_code
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory, TickReader, session_process
 from hhsim.live.session.recorder import SessionColumns
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.result.safety import why_free_or_held
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, blueprint, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words
@@ -55,8 +55,7 @@ class LiveViewer:
     """Shows one session and writes `viewer_ns` of its status; `stop` is a signal handler."""
 
     def __init__(self, setup: LiveSetup, memory: SessionMemory) -> None:
-        if setup.rerun is None:
-            raise ValueError("the session is not to be shown")
+        assert setup.rerun is not None
         self._target = parse_target(setup.rerun)
         self._setup = setup
         self._memory = memory

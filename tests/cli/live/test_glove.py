@@ -24,7 +24,7 @@ from machine_share import Late, keeps_time
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
 from hhsim.hand.model import HandModel
-from hhsim.live.session.scene import palm_place
+from hhsim.live.session.setup import palm_place
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.session_faults import broken_off, ended_before_its_time
 from hhsim.replay.stored_scene import stored_hand
@@ -201,7 +201,7 @@ def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pyt
     def refuse(*arguments: object, other: object) -> None:
         raise TrajectoryError("thumb, index cannot reach the object, from any side")
 
-    monkeypatch.setattr("hhsim.live.session.scene.planned", refuse)
+    monkeypatch.setattr("hhsim.live.session.setup.planned", refuse)
     tree = cached_sphere_tree(cube(0.5), TreeOptions(level=1))
     position, orientation = palm_place(HandModel.default("right"), tree, 0.02)
     top = float((tree.leaf_center[:, 2] + tree.leaf_radius).max())

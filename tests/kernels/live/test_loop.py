@@ -20,7 +20,7 @@ from hhsim.live.processes import RingReader
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, loop_options
 from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.settings import OutputLimits, SafetyLimits
+from hhsim.live.session.setup import OutputLimits, SafetyLimits
 from hhsim.solver.hand_solver import HandSolver
 
 ENOUGH = 300

@@ -140,9 +140,9 @@ def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None
     device = open_device(configure("replay", playback=playback))
     source = make_pose_source(PoseConfig(kind="replay", playback=playback))
     read_all(device)
-    position, orientation = np.empty(3), np.empty(4)
     for k in range(50):
-        assert source.read(clock[0], position, orientation) == clock[0]
+        came, position, orientation = source.read(clock[0])
+        assert came == clock[0]
         assert np.allclose(position, given.position[k], atol=1e-12)
         assert np.allclose(np.abs(orientation @ given.orientation[k]), 1.0, atol=1e-12)
         clock[0] += 10_000_000
@@ -151,19 +151,13 @@ def test_fingers_and_palm_of_one_motion_begin_together(clock: list[int]) -> None
 def test_the_keyboard_pose_is_never_half_of_one_and_half_of_another() -> None:
     status = SharedBlock.create("test-status", LIVE_STATUS).array[0]
     source = make_pose_source(PoseConfig(kind="keyboard", position=(0.1, 0.2, 0.3)), status)
-    position, orientation = np.empty(3), np.empty(4)
-    assert source.read(5, position, orientation) == 5
-    assert position.tolist() == [0.1, 0.2, 0.3]
+    assert source.read(5)[0] == 5
+    assert source.read(5)[1].tolist() == [0.1, 0.2, 0.3]
     write_keyboard_pose(status, (1.0, 1.0, 1.0), (0.0, 1.0, 0.0, 0.0))
-    source.read(6, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0]
-    assert orientation.tolist() == [0.0, 1.0, 0.0, 0.0]
-    record = status
-    record["pose_version"] += 1
-    record["pose_position"] = 2.0
-    source.read(7, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0], "a pose in the making is not read"
-    record["pose_version"] += 1
-    record["pose_position"] = np.nan
-    source.read(8, position, orientation)
-    assert position.tolist() == [1.0, 1.0, 1.0], "nor one that is not finite"
+    assert [part.tolist() for part in source.read(6)[1:]] == [[1.0, 1.0, 1.0], [0.0, 1.0, 0.0, 0.0]]
+    status["pose_version"] += 1
+    status["pose_position"] = 2.0
+    assert source.read(7)[1].tolist() == [1.0, 1.0, 1.0], "a pose in the making is not read"
+    status["pose_version"] += 1
+    status["pose_position"] = np.nan
+    assert source.read(8)[1].tolist() == [1.0, 1.0, 1.0], "nor one that is not finite"

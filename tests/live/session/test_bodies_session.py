@@ -9,8 +9,7 @@ from live_scripted import FIST, FREE, Moment, ScriptedSession
 
 from hhsim.hand.model import HandModel
 from hhsim.live.gloves import PoseConfig, configure
-from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.settings import OutputLimits
+from hhsim.live.session.setup import OutputLimits, make_live_scene
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result
 from hhsim.scene.body import Fixed

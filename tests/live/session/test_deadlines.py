@@ -29,19 +29,6 @@ def test_work_that_ends_in_the_next_period_is_followed_at_once(past: int) -> Non
     assert (at.tick, at.missed, at.at_once, clock.slept[-1]) == (2, 0, 0, 3 * PERIOD)
 
 
-def test_a_signal_does_not_end_the_sleep_early() -> None:
-    class Nervous(FakeClock):
-        def sleep_until(self, time_ns: int) -> None:
-            self.slept.append(time_ns)
-            self.time_ns += min(time_ns - self.time_ns, PERIOD // 3 + 1)
-
-    clock = Nervous(0)
-    deadlines = Deadlines(PERIOD, clock)
-    deadlines.wait()
-    assert clock.now() == PERIOD
-    assert clock.slept == [PERIOD] * 3
-
-
 def wait_for(clock: FakeClock, deadlines: Deadlines, came: int) -> Deadlines:
     """Wait for the next tick, when something comes at a time [ns]."""
     clock.alarms.append((came, lambda: None))

@@ -12,8 +12,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.live.deadlines import LARGEST_SHIFT
 from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.real_time import RealTimeWishes
-from hhsim.live.session.scene import make_live_scene
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup, make_live_scene
 from hhsim.live.session.supervisor import SessionOutcome, Supervisor
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.repeat import run_again

@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.live.finger_command import update_command
 from hhsim.live.device import FingerCommand
 from hhsim.live.session.loop import commander_record
-from hhsim.live.session.settings import OutputLimits
+from hhsim.live.session.setup import OutputLimits
 from hhsim.recordings.dexmo_regression import DexmoRegression
 from hhsim.result.safety import Safety
 

@@ -9,7 +9,6 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import Run
 from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.tick.block import TickRecord
@@ -157,18 +156,3 @@ def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_pa
     lossy = load_result(path)
     assert not [claim for claim in free_claims(lossy) if claim.failed]
     assert tick_figures(result_ticks(lossy))["object_momentum"] < 1e-6
-
-
-@pytest.mark.slow
-@pytest.mark.soak
-def test_a_session_of_the_simulated_glove_touches_it_and_runs_again(run: Run, tmp_path: Path) -> None:
-    answer = run(
-        *("live", "glove", "cube", "--free", "--mass", "0.1", "--torsion", "5", "--surface", "mesh", "--quiet"),
-        *("--duration", "1.5", "--record", "session.h5", "--no-realtime"),
-    )
-    assert answer.code == 0, answer.err
-    result = load_result(tmp_path / "session.h5")
-    assert result.complete and result.body.properties["mass"] == 0.1 and result.body.properties["torsion"] == 5e-3
-    assert result.scene["trajectory"] == "lift" and result.body["table_distance"].min() >= 0.0
-    assert (result.contacts["body"] >= 0).any(), "the fingers have come to the cube"
-    assert run("replay", "session.h5", "--quiet").code == 0

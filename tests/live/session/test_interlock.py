@@ -3,14 +3,12 @@
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hhsim.kernels.live import finger_command as bits
 from hhsim.kernels.live.finger_command import judge
 from hhsim.live.session.loop import interlock_record
-from hhsim.live.session.settings import SafetyLimits
-from hhsim.live.session.story import LOGGED, QUIET_NS, SafetyLog
+from hhsim.live.session.setup import SafetyLimits
+from hhsim.live.session.story import QUIET_NS, SafetyLog
 from hhsim.result.safety import Safety
 
 NOW = 10**12
@@ -62,15 +60,6 @@ def test_a_streak_is_periods_missed_without_one_in_time() -> None:
     found = [judged(gate, NOW, **(GOOD | {"missed": missed})) for missed in (1, 1, 1, 0, 1, 1, 1, 1, 0)]
     assert found == [0, 0, 0, 0, 0, 0, 0, Safety.OVERRUN_STREAK, 0]
     assert gate[0].streak == 0
-
-
-@given(st.lists(st.integers(0, 2**10 - 1), max_size=100))
-def test_a_log_tells_each_beginning_at_most_once_a_second_and_each_end_of_what_it_told(bits: list[int]) -> None:
-    log = SafetyLog()
-    lines = [line for i, safety in enumerate(bits) for line in log.changed(safety, NOW + i * MS)]
-    beginnings = [text for level, text in lines if level > 0]
-    assert len(beginnings) == len(set(beginnings)) <= len(LOGGED)
-    assert len(lines) - len(beginnings) <= len(beginnings)
 
 
 def test_a_flicker_is_told_once_a_second_with_its_reason() -> None:

@@ -43,7 +43,8 @@ def assert_a_silent_glove_frees_both_hands_and_both_are_held_again(drill: Drill)
     stalled = drill.fault(lambda: drill.gloves[LEFT].order("stall"))
     other = drill.hands[RIGHT].status
     drill.until(lambda: bool(other["safety"] & Safety.OTHER_HAND), "word of the other hand")
-    assert drill.hands[LEFT].status["safety"] & Safety.STALE_INPUT
+    # On a busy machine the right hand may have had a fault of its own before.
+    drill.until(lambda: bool(drill.hands[LEFT].status["safety"] & Safety.STALE_INPUT), "word of the silent glove")
     drill.until(lambda: stalled.is_over(time.monotonic_ns()), "time in which fingers may be held")
     _, ticks = ring.read(16_000)
     assert_in_time(int(ticks["time_ns"][stiff(ticks)].max()) - stalled.since, stalled.allowed)

@@ -20,8 +20,7 @@ from hhsim.live.drivers.poses import ReplayPose
 from hhsim.live.gloves import Hand, PoseConfig, configure
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import Recorder
-from hhsim.live.session.scene import LiveScene, grasping_hand, make_live_scene
-from hhsim.live.session.settings import LiveSetup, OutputLimits, SafetyLimits
+from hhsim.live.session.setup import LiveScene, LiveSetup, OutputLimits, SafetyLimits, grasping_hand, make_live_scene
 from hhsim.mesh.catalogue import load_object
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result

@@ -20,7 +20,7 @@ from hhsim.kernels.tick.state import WORK_TOUCHING
 from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import SessionWriter
-from hhsim.live.session.settings import LiveSetup
+from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.viewer import LiveViewer
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import load_result
