@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.render.hand_picture import label, seen_through
+from hhsim.render.hand_picture import label, transparent
 from hhsim.render.rasterizer import Camera, blend, frame, shade
 from hhsim.render.triangle_soup import STONE, Surface, joined, look_from, mesh_surface, near_hands
 from hhsim.render.viewpoint import View
@@ -32,10 +32,7 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Length of the bar that shows the scale [m]."""
-HANDS = (
-    "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces, hollow behind the hand; the object is "
-    "see-through."
-)
+HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
 CUT = "The object is larger than the picture, and cut at its edge."
 
 
@@ -66,8 +63,7 @@ def overview_picture(result: Result) -> ReportFigure:
     caption = (
         f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
         "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
-        "and the red arrows are the contact forces, longer by the square root of their size. A hollow one is "
-        "behind another part of the hand, and has its finger's name."
+        "and the red arrows are the contact forces, longer by the square root of their size."
     ) + (f" {CUT}" if shot.cut else "")
     height = HEADING + OVERVIEW[1]
     with new_figure(PAGE_INCHES, height) as figure:
@@ -147,8 +143,8 @@ def _camera(shot: Shot, size: tuple[float, float]) -> Camera:
 
 
 def _see_through(shot: Shot, camera: Camera) -> tuple[FloatArray, Moment]:
-    picture, marked = seen_through(*shot.moment.hands, shot.body, shot.moment.forces, camera)
-    return picture, replace(shot.moment, forces=marked)
+    layers = transparent(*shot.moment.hands, shade(shot.body, camera), shot.moment.forces, camera)
+    return blend(layers), shot.moment
 
 
 def _show(axes: "Axes", picture: FloatArray, shown: Moment | None, camera: Camera, size: float = TEXT) -> None:

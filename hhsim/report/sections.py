@@ -37,22 +37,8 @@ DRIVEN = "moves as the motion has it; figures and pictures are seen from it"
 FORCES = {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}
 COUPLING = {"translation": "N/m", "rotation": "N·m/rad", "flexion": "N·m/rad"}
 
-MOST_PHASES = 100
 MOST_EVENTS = 60
 EVENT_LEVELS = ("information", "warning", "fault")
-PHASE_COLUMNS = (
-    words("phase", "name"),
-    number("ticks", lambda phase: f"{phase['first']:,} to {phase['last']:,}"),
-    number("time", "seconds", "s", 3),
-    number("CPU p50 [µs]", "cpu_p50", digits=1),
-    number("CPU p99 [µs]", "cpu_p99", digits=1),
-    number("deepest [µm]", "depth", digits=3),
-    number("force, mean", "force", "N", 3),
-    number("force change, mean", "variation", "%", 3),
-    number("pairs, most", "candidates"),
-    number("stuck"),
-    number("lagging"),
-)
 WORST_COLUMNS = (
     words("what"),
     number("value", digits=3),
@@ -203,7 +189,6 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
         "key_figures": key_table(runs, comparisons),
         "comparable": comparable,
         "in_short": Table.of_cells(("what", "value"), [(name, facts[name]) for name in BRIEF_FACTS], "In short"),
-        "differences": [(run, differences(runs[0], run, found)) for run, found in zip(runs[1:], comparisons) if found],
         "sessions": [
             (run, recorded_faults(run.result).line, log_table(run.result))
             for run in runs
@@ -220,7 +205,6 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
             for name in dict.fromkeys(run.result.path.name for run in runs)
             for verb in ("view", "verify", "replay")
         ],
-        "phase_table": lambda run: phase_table(run, of_run("Phases of the motion", run)),
         "worst_table": lambda run: Table(WORST_COLUMNS, worst_ticks(run.result), of_run("Worst ticks", run)),
         "machine": facts_table("Machine and versions", runs, machine_facts),
         "origin": facts_table("Files and checksums", runs, origin_facts),
@@ -255,28 +239,6 @@ def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | No
     of_paper = any(row.paper for row in first.rows)
     paper = "; the paper's are of its own machine (an Intel Core i7-8700) and scenes" if of_paper else ""
     return figure_table(first.rows, f"Figures, {source}{paper}", name="figure")
-
-
-def differences(first: ReportRun, run: ReportRun, comparison: Comparison) -> list[str]:
-    """Return what differs between a result and the first one, and which figures are better or worse."""
-    pairs = ((row, first.row(row.name)) for row in run.rows)
-    found = {row.label: compared(base, row, comparison).word for row, base in pairs if base is not None}
-    items = [comparison.sentence()]
-    items += [f"Run otherwise: {text}." for text in comparison.how] or ["Run in the same way."]
-    items += [f"Around it: {text}." for text in comparison.around]
-    for word in (BETTER, WORSE):
-        names = [label for label, its in found.items() if its == word]
-        if names:
-            items.append(f"{word.capitalize()} than {first.letter}: {'; '.join(names)}.")
-    return items
-
-
-def phase_table(run: ReportRun, title: str) -> Table:
-    """Return the first phases of a result."""
-    more = len(run.phases) - MOST_PHASES
-    return Table(
-        PHASE_COLUMNS, run.phases[:MOST_PHASES], title + (f"; {more:,} more are in the file" if more > 0 else "")
-    )
 
 
 def worst_ticks(result: Result) -> list[dict[str, Any]]:

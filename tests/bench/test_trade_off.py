@@ -1,6 +1,5 @@
 """Runs that set time against error: their sums, their frontier, failures, and who is compared with whom."""
 
-
 import numpy as np
 import pytest
 from hypothesis import given
