@@ -9,9 +9,9 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.render.hand_picture import label, transparent
 from hhsim.render.rasterizer import Camera, blend, frame, shade
-from hhsim.render.triangle_soup import STONE, Surface, joined, look_from, mesh_surface, near_hands
+from hhsim.render.triangle_soup import STONE, Surface, look_from, mesh_surface, near_hands
 from hhsim.render.viewpoint import View
-from hhsim.report.figure import INK, PAGE_INCHES, TEXT, ReportFigure, new_figure, page_figure
+from hhsim.report.figure import INK, ReportFigure, new_figure, page_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.view.scene_log import Moment, clearest_view, moment, overview_tick
 from hhsim.view.viewer import shown_scene
@@ -23,8 +23,6 @@ PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
 SMALL_TEXT = 12.5
 """Size of its text [pt]: 12 pixels where the picture is shown 16 rem wide beside others."""
-OVERVIEW, HEADING = (3.5, 3.2), 0.24
-"""Width and height of each half of the overview, and height of its title [inches]."""
 RENDER_DPI = 170
 """Resolution of the rendered part; text is finer."""
 MARGIN = 0.06
@@ -50,35 +48,11 @@ class Shot:
     sentence: str
 
 
-def overview_picture(result: Result) -> ReportFigure:
-    """Draw the hand on the object at `overview_tick`; InputError without a tick, or as `stored_hand`."""
+def overview_picture(result: Result, view: View | None = None) -> ReportFigure:
+    """Draw the hand at `overview_tick`; InputError without a tick, or as `hand_picture`."""
     tick = overview_tick(result)
-    shot = _shot(result, tick, None)
-    camera = _camera(shot, OVERVIEW)
-    panels = {
-        "what the user sees": (blend([(shade(joined([shot.moment.graphic, shot.body]), camera), 1.0)]), None),
-        "why: the user's own hand (blue), forces": _see_through(shot, camera),
-    }
-    time = float(result.at(tick, ["time"])["time"])
-    caption = (
-        f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
-        "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
-        "and the red arrows are the contact forces, longer by the square root of their size."
-    ) + (f" {CUT}" if shot.cut else "")
-    height = HEADING + OVERVIEW[1]
-    with new_figure(PAGE_INCHES, height) as figure:
-        for place, (title, (picture, at)) in enumerate(panels.items()):
-            axes = figure.add_axes((0.5 * place, 0.0, 0.5, OVERVIEW[1] / height))
-            _show(axes, picture, at, camera)
-            axes.set_title(title, x=0.02, pad=4)
-        return page_figure("hand", "The hand on the object", caption, shot.sentence, figure)
-
-
-def held_picture(result: Result, view: View | None = None) -> ReportFigure:
-    """Draw the second half of the overview alone, from `view` or that of the overview; errors as `overview_picture`."""
-    tick = overview_tick(result)
-    figure = hand_picture(result, tick, view)
-    return replace(figure, name="hand", title=f"Tick {tick:,}, {result.phase_at(tick) or 'no phase'}")
+    time, phase = float(result.at(tick, ["time"])["time"]), result.phase_at(tick) or "no phase"
+    return replace(hand_picture(result, tick, view), name="hand", title=f"Tick {tick:,}, at {time:.3f} s, {phase}")
 
 
 def overview_view(result: Result) -> View:
@@ -113,7 +87,8 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     with new_figure(*PICTURE) as figure:
         camera = _camera(shot, PICTURE)
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _show(axes, *_see_through(shot, camera), camera, size=SMALL_TEXT)
+        layers = transparent(*shot.moment.hands, shade(shot.body, camera), shot.moment.forces, camera)
+        _show(axes, blend(layers), shot.moment, camera)
         caption = f"{HANDS} {CUT}" if shot.cut else HANDS
         return page_figure(f"tick-{tick}", f"Tick {tick:,}", caption, shot.sentence, figure)
 
@@ -142,21 +117,16 @@ def _camera(shot: Shot, size: tuple[float, float]) -> Camera:
     return frame(points, look_from(shot.view.towards), shape, MARGIN)
 
 
-def _see_through(shot: Shot, camera: Camera) -> tuple[FloatArray, Moment]:
-    layers = transparent(*shot.moment.hands, shade(shot.body, camera), shot.moment.forces, camera)
-    return blend(layers), shot.moment
-
-
-def _show(axes: "Axes", picture: FloatArray, shown: Moment | None, camera: Camera, size: float = TEXT) -> None:
-    """Show a picture with the bar of its scale, and with contacts and the sizes of forces if a moment is given."""
+def _show(axes: "Axes", picture: FloatArray, shown: Moment, camera: Camera) -> None:
+    """Show a picture with the bar of its scale, contacts, and the sizes of forces."""
     axes.imshow(picture, interpolation="antialiased", aspect="auto")
     axes.set_axis_off()
-    if shown is not None:
-        seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
-        x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
-        axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
-        label(axes, shown.forces, camera, size=size, pixel=100.0 / RENDER_DPI)
+    seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
+    x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
+    axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
+    label(axes, shown.forces, camera, size=SMALL_TEXT, pixel=100.0 / RENDER_DPI)
     rows, columns = camera.shape
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
     axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
-    axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom", fontsize=size)
+    text = f"{100.0 * BAR:g} cm"
+    axes.text(left + 0.5 * long, down - 0.01 * rows, text, ha="center", va="bottom", fontsize=SMALL_TEXT)

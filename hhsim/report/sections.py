@@ -108,8 +108,9 @@ def run_facts(result: Result) -> dict[str, str]:
     return facts
 
 
-def machine_facts(result: Result) -> dict[str, str]:
-    """Return machine and versions."""
+def origin_facts(result: Result) -> dict[str, str]:
+    """Return machine, versions, the file, its state and its checksums."""
+    stated: Mapping[str, Any] = result.scene.get("checksums", {})
     machine = {str(name): str(value) for name, value in result.machine.items()}
     packages = ", ".join(f"{name} {version}" for name, version in sorted(result.packages.items()))
     return {
@@ -121,13 +122,6 @@ def machine_facts(result: Result) -> dict[str, str]:
         "hhsim": result.hhsim_version,
         "commit": commit(result),
         "packages": packages or NONE,
-    }
-
-
-def origin_facts(result: Result) -> dict[str, str]:
-    """Return the file, its state and its checksums."""
-    stated: Mapping[str, Any] = result.scene.get("checksums", {})
-    return {
         "file": result.path.name,
         "SHA-256 of the file": file_digest(result.path),
         "written": result.created_utc,
@@ -206,8 +200,7 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
             for verb in ("view", "verify", "replay")
         ],
         "worst_table": lambda run: Table(WORST_COLUMNS, worst_ticks(run.result), of_run("Worst ticks", run)),
-        "machine": facts_table("Machine and versions", runs, machine_facts),
-        "origin": facts_table("Files and checksums", runs, origin_facts),
+        "origin": facts_table("Machine, versions, files and checksums", runs, origin_facts),
         "solver_options": facts_table("Every option of the solver, SI units", runs, _options),
     }
 

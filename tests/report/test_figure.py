@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 import sealed_change
 from drawings_alone import leave_charts_undrawn
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -28,7 +26,7 @@ from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
 from hhsim.report.pictures import hand_picture
 from hhsim.report.sections import worst_ticks
-from hhsim.report.time_series import Run, histogram_figure, minmax_band, series_figure
+from hhsim.report.time_series import Run, histogram_figure, series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.view.scene_log import overview_tick
 
@@ -88,23 +86,6 @@ def pixels(png: bytes) -> NDArray[np.uint8]:
     return np.asarray(Image.open(io.BytesIO(png)))
 
 
-@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=200), st.integers(1, 40))
-def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: int) -> None:
-    array = np.array(values)
-    band = minmax_band(np.arange(len(array), dtype=np.float64), array, stretches)
-    assert len(band.at) == min(stretches, len(array))
-    assert (np.diff(band.at) > 0.0).all()
-    defined = array[~np.isnan(array)]
-    if defined.size == 0:
-        assert np.isnan(band.low).all()
-        return
-    assert np.nanmin(band.low) == defined.min()
-    assert np.nanmax(band.high) == defined.max()
-    known = ~np.isnan(band.low)
-    assert (band.low[known] <= band.middle[known]).all()
-    assert (band.middle[known] <= band.high[known]).all()
-
-
 def test_forces_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_series, "BLOCK_TICKS", 37)
     force = Run("A", result).force
@@ -156,14 +137,6 @@ def test_results_side_by_side_are_told_apart(result: Result, alone: dict[Chart, 
         both = draw({"A": result, "B": empty})
         assert both.png != alone[draw].png
         assert "no tick" in both.alt.lower()
-
-
-def test_a_long_run_is_drawn_as_a_band(
-    result: Result, alone: dict[Chart, ReportFigure], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(report_series, "MOST_POINTS", 100)
-    monkeypatch.setattr(report_series, "STRETCHES", 40)
-    assert series_figure({"A": result}).png != alone[series_figure].png
 
 
 def test_the_worst_ticks_are_the_planted_ones(result: Result, tmp_path: Path) -> None:

@@ -78,9 +78,8 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
 
     makers = {name: lambda _, name=name: dot(name) for name in CHARTS}
     monkeypatch.setattr("hhsim.report.report.CHARTS", makers)
-    monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
+    monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result, view: dot("overview"))
     monkeypatch.setattr("hhsim.report.report.overview_view", lambda result: View(0.0, 0.0))
-    monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
@@ -320,7 +319,7 @@ def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, dots: 
     assert report.runs[0].verdict.word == ("no ticks" if ticks == 0 else "cut short")
     facts = {row[0]: row[1] for row in page.rows("What was run")}
     assert facts["ticks"].startswith(f"{ticks} at 1,000 Hz")
-    assert {row[0]: row[1] for row in page.rows("Files and checksums")}["complete"].startswith("no")
+    assert {row[0]: row[1] for row in page.rows("Machine, versions")}["complete"].startswith("no")
 
 
 def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path, dots: None) -> None:
