@@ -1,6 +1,6 @@
 """Pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,20 +34,6 @@ HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the
 CUT = "The object is larger than the picture, and cut at its edge."
 
 
-@dataclass(frozen=True)
-class Shot:
-    """One tick as it is drawn: hands, forces and contacts, the object near them, view, and alternative text.
-
-    `cut` is true if the object is larger.
-    """
-
-    moment: Moment
-    body: Surface
-    cut: bool
-    view: View
-    sentence: str
-
-
 def overview_picture(result: Result, view: View | None = None) -> ReportFigure:
     """Draw the hand at `overview_tick`; InputError without a tick, or as `hand_picture`."""
     tick = overview_tick(result)
@@ -56,8 +42,8 @@ def overview_picture(result: Result, view: View | None = None) -> ReportFigure:
 
 
 def overview_view(result: Result) -> View:
-    """Return the viewer's direction of the overview; errors as `overview_picture`."""
-    return _shot(result, overview_tick(result), None).view
+    """Return the viewer's direction that shows most of `overview_tick`; errors as `overview_picture`."""
+    return _seen(result, overview_tick(result), None)[2]
 
 
 def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
@@ -76,45 +62,36 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
 
     Args:
         tick: Number of the tick, from 0.
-        view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or a clearer
-            one where much is hidden there.
+        view: Azimuth from x to y and elevation [degrees] of the viewer; None for the one that shows most.
 
     Raises:
         InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
-    usual = overview_view(result) if view is None else None
-    shot = _shot(result, tick, None if view is None else View(*view), usual)
-    with new_figure(*PICTURE) as figure:
-        camera = _camera(shot, PICTURE)
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        layers = transparent(*shot.moment.hands, shade(shot.body, camera), shot.moment.forces, camera)
-        _show(axes, blend(layers), shot.moment, camera)
-        caption = f"{HANDS} {CUT}" if shot.cut else HANDS
-        return page_figure(f"tick-{tick}", f"Tick {tick:,}", caption, shot.sentence, figure)
-
-
-def _shot(result: Result, tick: int, view: View | None, usual: View | None = None) -> Shot:
-    scene = shown_scene(result)
-    shown = moment(result, scene, tick)
-    mesh = scene.placed(result.meshes_moved(tick))
-    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
-    body, cut = mesh_surface(near, STONE), near is not mesh
-    if view is None:
-        view = clearest_view(result, scene, tick, shown, body, usual)
+    shown, body, towards, cut = _seen(result, tick, view)
     touching = dict.fromkeys(force.name.partition("/")[0] for force in shown.forces)
     name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
     total = float(np.linalg.norm(result.at(tick, ("force/total",))["force/total"]))
     felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if touching else "no force"
-    sentence = f"The hand at {name}, tick {tick:,}: {felt}."
-    return Shot(shown, body, cut, view, f"{sentence} {CUT}" if cut else sentence)
+    tips = np.array([force.contact for force in shown.forces]).reshape(-1, 3) + shown.arrows
+    points = np.concatenate([*(surface.points for surface in (*shown.hands, body)), tips])
+    shape = (round(PICTURE[1] * RENDER_DPI), round(PICTURE[0] * RENDER_DPI))
+    camera = frame(points, look_from(towards.towards), shape, MARGIN)
+    with new_figure(*PICTURE) as figure:
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        _show(axes, blend(transparent(*shown.hands, shade(body, camera), shown.forces, camera)), shown, camera)
+        alt = f"The hand at {name}, tick {tick:,}: {felt}."
+        return page_figure(f"tick-{tick}", f"Tick {tick:,}", f"{HANDS} {CUT}" if cut else HANDS, alt, figure)
 
 
-def _camera(shot: Shot, size: tuple[float, float]) -> Camera:
-    """Return the camera of a picture of this width and height [inches]."""
-    tips = np.array([force.contact for force in shot.moment.forces]).reshape(-1, 3) + shot.moment.arrows
-    points = np.concatenate([*(surface.points for surface in (*shot.moment.hands, shot.body)), tips])
-    shape = (round(size[1] * RENDER_DPI), round(size[0] * RENDER_DPI))
-    return frame(points, look_from(shot.view.towards), shape, MARGIN)
+def _seen(result: Result, tick: int, view: tuple[float, float] | None) -> tuple[Moment, Surface, View, bool]:
+    """Return hands, forces and contacts of a tick, the object near them, the view, and whether the object is cut."""
+    scene = shown_scene(result)
+    shown = moment(result, scene, tick)
+    mesh = scene.placed(result.meshes_moved(tick))
+    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
+    body = mesh_surface(near, STONE)
+    towards = clearest_view(result, scene, tick, shown, body) if view is None else View(*view)
+    return shown, body, towards, near is not mesh
 
 
 def _show(axes: "Axes", picture: FloatArray, shown: Moment, camera: Camera) -> None:

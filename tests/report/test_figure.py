@@ -20,7 +20,7 @@ from short_grasp import short_grasp, short_result
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, Surface, joined, round_cone_surface
-from hhsim.render.viewpoint import View, viewpoint
+from hhsim.render.viewpoint import viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
@@ -179,10 +179,6 @@ def test_the_view_shows_the_marks() -> None:
     view = viewpoint(hand, ball, marks, nothing)
     # Marks and hand are on the far side for a viewer at 180 degrees.
     assert abs((view.azimuth + 180.0) % 360.0 - 180.0) <= 90.0
-    usual = View(30.0, 10.0)
-    assert viewpoint(hand, ball, marks, nothing, usual) == usual
-    hidden = View(180.0, 10.0)
-    assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
 
 
 def test_the_view_shows_what_the_hand_moves_and_not_only_what_stands_around() -> None:

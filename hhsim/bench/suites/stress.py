@@ -11,16 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyMeasure, is_safe, pieces_of, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.linkage.file import resolve_object
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
+from hhsim.motion.analytic_motion import replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
@@ -64,13 +62,6 @@ class StressCase:
         surface = contact_surface(self.solver.surface, self.mesh, self.tree).arrays
         pieces = pieces_of(self.solver.surface, self.mesh, self.tree)
         return HandSolver(self.hand, surface, self.solver), SafetyMeasure(self.hand, pieces, self.solver)
-
-    def failed(self, motion: HandConfiguration) -> dict[str, BoolArray]:
-        """Return the failed ticks of a motion by a solver of its own, as a replay has it, by the kind of failure."""
-        solver, safety = self.begin()
-        record = solver.run(*motion)
-        depth = recorded_penetration(self.hand, solver.workspace.surface, record).depth
-        return safety.add(hold_readings(motion), record, depth)
 
 
 @dataclass(frozen=True, kw_only=True)

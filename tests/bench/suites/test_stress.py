@@ -12,7 +12,7 @@ from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness.objects import ball_mesh
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.safety import BLOCK
+from hhsim.bench.robustness.safety import BLOCK, recorded_penetration
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import stress
 from hhsim.bench.suites.stress import StressCase, run_case
@@ -20,6 +20,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
@@ -101,7 +102,10 @@ def replayed_failures(figures: Row, again: StressCase) -> dict[str, int]:
     for text in figures["failures"].split("; "):
         kind, path = text.partition(" at tick ")[0], Path(text.split()[text.split().index("replay") + 2])
         motion = HandConfiguration.of(load_trajectory(path).resampled(1000.0, "hold"))
-        found[kind] = int(again.failed(motion)[kind].sum())
+        solver, safety = again.begin()
+        record = solver.run(*motion)
+        depth = recorded_penetration(HAND, solver.workspace.surface, record).depth
+        found[kind] = int(safety.add(hold_readings(motion), record, depth)[kind].sum())
     return found
 
 
