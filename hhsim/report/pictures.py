@@ -90,7 +90,7 @@ def _seen(result: Result, tick: int, view: tuple[float, float] | None) -> tuple[
     mesh = scene.placed(result.meshes_moved(tick))
     near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
     body = mesh_surface(near, STONE)
-    towards = clearest_view(result, scene, tick, shown, body) if view is None else View(*view)
+    towards = clearest_view(shown, body) if view is None else View(*view)
     return shown, body, towards, near is not mesh
 
 

@@ -198,8 +198,8 @@ def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
             found.append(f"{f'{run.label}: ' if several else ''}No picture of the hand: {error}")
         else:
             title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}"
-            named = {"name": f"{run.prefix}{made.name}", "title": title, "caption": ""}
-            found.append(replace(made, **named) if several else made)
+            named = replace(made, name=f"{run.prefix}{made.name}", title=title, caption="")
+            found.append(named if several else made)
     return found
 
 

@@ -142,20 +142,11 @@ def file_digest(path: Path) -> str:
 
 
 def _session(result: Result, live: Mapping[str, Any]) -> dict[str, str]:
-    from hhsim.live.real_time import described
-
     device = _json(live.get("device"))
-    mode = _json(live.get("real_time"))
-    try:
-        real_time = described(mode) if mode else NONE
-    except (KeyError, TypeError, ValueError):
-        real_time = "damaged"
     return {
         "glove": str(device.get("name") or device.get("kind") or NONE),
         "palm's pose from": str(live.get("pose") or NONE),
         "glove was told": "nothing (dry run)" if live.get("dry_run") else "where to stop and how hard",
-        "real time": real_time,
-        "refused by the system": "; ".join(mode.get("refused", [])) or "nothing",
         "ended": how_it_ended(result),
     }
 

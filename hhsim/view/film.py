@@ -143,7 +143,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         body = mesh_surface(near_hands(scene.mesh, points), STONE)
     shown = at(usual)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
-    view = clearest_view(result, scene, usual, shown, body)
+    view = clearest_view(shown, body)
     camera = frame(np.concatenate([points, body.points]), look_from(view.towards), (rows, columns), margin=0.06)
     stone = shade(body, camera)
     for tick in ticks.tolist():

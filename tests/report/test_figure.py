@@ -19,7 +19,7 @@ from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
-from hhsim.render.triangle_soup import SKIN, Surface, joined, round_cone_surface
+from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.render.viewpoint import viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
@@ -179,18 +179,6 @@ def test_the_view_shows_the_marks() -> None:
     view = viewpoint(hand, ball, marks, nothing)
     # Marks and hand are on the far side for a viewer at 180 degrees.
     assert abs((view.azimuth + 180.0) % 360.0 - 180.0) <= 90.0
-
-
-def test_the_view_shows_what_the_hand_moves_and_not_only_what_stands_around() -> None:
-    def ball(x: float, y: float, z: float, radius: float) -> Surface:
-        return round_cone_surface(np.array([x, y, z]), np.array([x, y, z]), radius, radius, SKIN)
-
-    # The hand hides a small ball from most sides, and a large one stands behind both.
-    hand = joined([ball(0.05, y, 0.0, 0.03) for y in (-0.04, 0.0, 0.04)] + [ball(0.0, 0.04, 0.04, 0.04)])
-    held, rest, nothing = ball(0.0, 0.0, 0.0, 0.015), ball(0.0, -0.3, -0.2, 0.2), np.empty((0, 3))
-    seen = viewpoint(hand, held, nothing, nothing, rest=rest)
-    assert seen != viewpoint(hand, joined([held, rest]), nothing, nothing)
-    assert seen.towards @ [-1.0, -1.0, 0.0] > 0.5
 
 
 @pytest.mark.usefixtures("coarse")

@@ -88,8 +88,9 @@ def _simple_objects(runs: PaperRuns, method: str) -> Iterator[Row]:
     note = "touch, pinch, grasp with the palm; ticks in contact"
     for name, paper in SIMPLE_MEAN.items():
         if played := runs.of(method, "11", object_name=name):
-            stated = {"paper": paper, "bar": paper / FASTER, "text": f"{1e3 * paper:.2f} ms"}
-            yield paper_row("mean", method, _pooled_mean(played), note, name, f"mean_{name}", **stated)
+            row, bar, text = f"mean_{name}", paper / FASTER, f"{1e3 * paper:.2f} ms"
+            ours = _pooled_mean(played)
+            yield paper_row("mean", method, ours, note, name, row, paper=paper, bar=bar, text=text)
     note = "none, one, two, five, two, one, none; all ticks"
     for run in runs.of(method, "12"):
         name = run.scenario.object_name
