@@ -28,7 +28,7 @@ def leave_report_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
         raise InputError("none is drawn here")
 
     leave_charts_undrawn(monkeypatch)
-    for picture in ("overview_picture", "held_picture", "overview_view"):
+    for picture in ("overview_picture", "overview_view"):
         monkeypatch.setattr(f"hhsim.report.report.{picture}", no_picture)
 
 

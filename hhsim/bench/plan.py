@@ -52,7 +52,7 @@ class Plan(Settings, frozen=True):
     optional: tuple[str, ...] = ()
 
     @property
-    def figure(self) -> dict[str, Figure]:
+    def columns(self) -> dict[str, Figure]:
         """Figures by the names of their columns."""
         return {name: Figure(one) if isinstance(one, str) else one for name, one in self.figures.items()}
 

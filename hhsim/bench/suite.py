@@ -74,7 +74,7 @@ class Suite:
     def columns(cls) -> Sequence[Column]:
         """Return the columns of the table."""
         known, found = run_metrics(), []
-        for name, figure in cls.plan().figure.items():
+        for name, figure in cls.plan().columns.items():
             metric = None if figure.says else known[name]
             found.append(Column(name, metric.label, metric.unit) if metric else Column(name, figure.says, figure.unit))
         return found

@@ -223,7 +223,7 @@ class TradeOff(Suite):
             groups[run.object, run.way].append(run)
         for run in figures:
             groups[ALL, run.way].append(run)
-        totals = {name: TOTALS[one.total] for name, one in self.plan().figure.items() if one.total}
+        totals = {name: TOTALS[one.total] for name, one in self.plan().columns.items() if one.total}
 
         def row(name: str, motion: str, group: Sequence[Run]) -> Row:
             times, known = [run.cpu for run in group], [run.figures for run in group if run.figures]

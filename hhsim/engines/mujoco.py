@@ -1,4 +1,4 @@
-"""MuJoCo: hand as bodies and position actuators, object as convex parts, triangles or spheres.
+"""MuJoCo: hand as bodies and position actuators, object as convex parts.
 
 The coupling G of Eq. 1 is a spring and a damper between haptic and graphic hand: at rest, and without friction, MuJoCo
 then solves for the same hand as hhsim's own methods. Bodies have the virtual mass G τ², so that one time τ tunes
@@ -28,8 +28,8 @@ from hhsim.mesh.topology import is_closed
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.system.atomic_write import write_atomically
 
-COARSE, FINE = 0.02, 0.01
-"""CoACD's thresholds over the object's half size: the lower end of its range (0.01 to 1), since parts fill hollows."""
+CONCAVITY = 0.02
+"""CoACD's threshold over the object's half size: the lower end of its range (0.01 to 1), since parts fill hollows."""
 SEED = 0
 CONVEX = 1e-6
 """Largest share of its hull that a convex mesh leaves empty."""
@@ -63,10 +63,10 @@ class Hull:
 Part = Ball | Box | Hull
 
 
-def convex_parts(mesh: Mesh, concavity: float = COARSE) -> list[Part]:
-    """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD's threshold `concavity`."""
+def convex_parts(mesh: Mesh) -> list[Part]:
+    """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD."""
     simple = _simple(mesh)
-    return [simple] if simple is not None else [Hull(points) for points in _decomposition(mesh, concavity)]
+    return [simple] if simple is not None else [Hull(points) for points in _decomposition(mesh)]
 
 
 def _simple(mesh: Mesh) -> Part | None:
@@ -87,12 +87,12 @@ def _simple(mesh: Mesh) -> Part | None:
     return Hull(points[hull.vertices])
 
 
-def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
-    digest = hashlib.sha256(f"{mesh.sha256} {concavity} {_preparation(mesh)} {SEED}".encode()).hexdigest()
+def _decomposition(mesh: Mesh) -> list[FloatArray]:
+    digest = hashlib.sha256(f"{mesh.sha256} {CONCAVITY} {_preparation(mesh)} {SEED}".encode()).hexdigest()
     path = cache_root() / "convex-parts" / f"{digest[:32]}.npz"
     with suppress(OSError, ValueError, BadZipFile), np.load(path) as kept:
         return [kept[name] for name in kept.files]
-    parts = _decompose(mesh, concavity)
+    parts = _decompose(mesh)
     image = io.BytesIO()
     kept_parts: dict[str, Any] = {f"part{i:04d}": part for i, part in enumerate(parts)}
     np.savez(image, **kept_parts)
@@ -102,12 +102,12 @@ def _decomposition(mesh: Mesh, concavity: float) -> list[FloatArray]:
     return parts
 
 
-def _decompose(mesh: Mesh, concavity: float) -> list[FloatArray]:
+def _decompose(mesh: Mesh) -> list[FloatArray]:
     import coacd
 
     coacd.set_log_level("error")
     found = coacd.run_coacd(
-        coacd.Mesh(mesh.vertices, mesh.faces), threshold=concavity, preprocess_mode=_preparation(mesh), seed=SEED
+        coacd.Mesh(mesh.vertices, mesh.faces), threshold=CONCAVITY, preprocess_mode=_preparation(mesh), seed=SEED
     )
     return [np.array(points, np.float64) for points, _ in found]
 
@@ -120,11 +120,6 @@ def _preparation(mesh: Mesh) -> str:
 BODIES = PALM_BODY + 1
 PHALANX_MASS = 1e-3
 """Mass of a phalanx itself [kg]: MuJoCo needs some; its resistance is the virtual inertia of its joint."""
-THICKNESS = 1e-6
-"""Thickness of a triangle on either side [m]: MuJoCo needs some."""
-LONGEST = 8e-3
-"""Longest edge of a triangle [m], about a finger's radius: MuJoCo 4.0 misses some contacts of a capsule across the edge
-of a triangle larger than itself."""
 OBJECT = BODIES
 """Row of the contacts without a body of the hand."""
 
@@ -164,7 +159,6 @@ class MuJoCo:
     missing: ClassVar[str] = lack_of("mujoco", "mujoco", "coacd")
     name: ClassVar[str] = "mujoco"
     tuning: ClassVar[Tuning] = TUNED
-    concavity: ClassVar[float] = COARSE
 
     def __init__(self, scene: MethodScene) -> None:
         import mujoco
@@ -267,12 +261,6 @@ class MuJoCo:
         c, s = np.cos(half), np.sin(half)
         return np.stack([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s], axis=1)
 
-    def _mesh(self) -> Mesh:
-        """Return the object's mesh; InputError if it is spheres alone."""
-        if self._scene.mesh is None:
-            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
-        return self._scene.mesh
-
     def _forces(self) -> FloatArray:
         """Contact force on each body of the hand [N], world, shape (17, 3), the object's last."""
         found = np.zeros((BODIES + 1, 3))
@@ -293,10 +281,12 @@ class MuJoCo:
         return {"condim": 1, **{name: value for name, value in tuned.items() if value is not None}}
 
     def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        mesh, kind = self._mesh(), self._mujoco.mjtGeom
+        if scene.mesh is None:
+            raise InputError(f"method {self.name} needs the object's mesh, and it is spheres alone")
+        kind = self._mujoco.mjtGeom
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
-        for i, part in enumerate(convex_parts(mesh, self.concavity)):
+        for i, part in enumerate(convex_parts(scene.mesh)):
             if isinstance(part, Ball):
                 body.add_geom(type=kind.mjGEOM_SPHERE, pos=part.center, size=[part.radius, 0.0, 0.0], **given)
             elif isinstance(part, Box):
@@ -363,47 +353,3 @@ class MuJoCoFast(MuJoCo):
 
     name = "mujoco-fast"
     tuning = FAST
-
-
-class MuJoCoFine(MuJoCo):
-    """MuJoCo, tuned, 4 sub-steps, the object in more convex parts, phalanges as capsules."""
-
-    name = "mujoco-fine"
-    concavity = FINE
-
-
-class MuJoCoTriangles(MuJoCo):
-    """MuJoCo, tuned, one step a tick, the object's triangles as a rigid flex, phalanges as capsules."""
-
-    missing = lack_of("mujoco", "mujoco")
-    name = "mujoco-triangles"
-    tuning = FAST
-
-    def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        from trimesh import remesh
-
-        split: Any = remesh.subdivide_to_size
-        mesh = self._mesh()
-        vertices, faces = split(mesh.vertices, mesh.faces, LONGEST)
-        spec.worldbody.add_body(name="object")
-        flex = spec.add_flex()
-        flex.name, flex.dim, flex.vertbody, flex.selfcollide = "object", 2, ["object"], 0
-        flex.vert, flex.elem, flex.radius = vertices.ravel(), faces.ravel(), THICKNESS
-        for name, value in {**self._touching(), "contype": 0, "conaffinity": 1}.items():
-            setattr(flex, name, value)
-
-
-class MuJoCoSpheres(MuJoCo):
-    """MuJoCo, tuned, one step a tick, the object as the spheres of its tree, phalanges as capsules."""
-
-    missing = lack_of("mujoco", "mujoco")
-    name = "mujoco-spheres"
-    tuning = FAST
-
-    def _add_object(self, spec: Any, scene: MethodScene) -> None:
-        if scene.tree is None:
-            raise InputError(f"method {self.name} needs the object's sphere tree: take --surface spheres")
-        body = spec.worldbody.add_body(name="object")
-        given = {**self._touching(), "contype": 0, "conaffinity": 1}
-        for center, radius in zip(scene.tree.leaf_center, scene.tree.leaf_radius):
-            body.add_geom(type=self._mujoco.mjtGeom.mjGEOM_SPHERE, pos=center, size=[radius, 0.0, 0.0], **given)

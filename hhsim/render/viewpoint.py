@@ -21,8 +21,6 @@ ARROW_LENGTH = 0.02
 AZIMUTHS, ELEVATIONS = tuple(range(0, 360, 30)), (10.0, 35.0)
 """Views that are tried [degrees]."""
 CELLS = 48
-GAIN = 0.5
-"""Score, of at most about 2.5, by which another view must be better than the usual one."""
 POINTS = 10_000
 """Least number of points that stand for a surface: several to each cell that it fills."""
 
@@ -34,7 +32,6 @@ class PieceForce:
     name: str
     contact: FloatArray
     force: FloatArray
-    is_hidden: bool = False  # True if another part of the hand is before its contact
 
 
 def arrow(force: PieceForce) -> FloatArray:
@@ -60,24 +57,20 @@ def viewpoint(
     body: Surface,
     marks: FloatArray,
     forces: FloatArray,
-    usual: View | None = None,
     below: float = np.inf,
-    rest: Surface | None = None,
     elevations: Sequence[float] = ELEVATIONS,
 ) -> View:
     """Return the view that shows most of the marks, then of hand and object, with forces not seen end on.
 
-    Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). Only a view better
-    by `GAIN` replaces the usual one of another picture; from `below` [m] under its surface the hand hides marks. Beside
-    other things, `rest`, which may hide it, most of the object itself is to be seen.
+    Marks are points that the object should not hide [m], shape (k, 3); forces are vectors, (j, 3). From `below` [m]
+    under its surface the hand hides marks.
     """
     rng = np.random.default_rng(0)
-    surfaces = (hand, body) if rest is None else (hand, body, rest)
-    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in surfaces]
+    sampled = [face_samples(surface.points, surface.faces, POINTS, rng)[0] for surface in (hand, body)]
     # A fine mesh has a point on each of very many faces, of which some suffice.
     points = [points[:: max(1, len(points) // POINTS)] for points in sampled]
     views = [View(float(azimuth), elevation) for elevation in elevations for azimuth in AZIMUTHS]
-    return max(views, key=lambda view: _seen(view, points, marks, forces, below) + GAIN * (view == usual))
+    return max(views, key=lambda view: _seen(view, points, marks, forces, below))
 
 
 def _seen(view: View, points: Sequence[FloatArray], marks: FloatArray, forces: FloatArray, below: float) -> float:
@@ -95,16 +88,11 @@ def _seen(view: View, points: Sequence[FloatArray], marks: FloatArray, forces: F
         cell, depth = depths(surface)
         nearest.append(np.full((CELLS + 1) ** 2, -np.inf))
         np.maximum.at(nearest[-1], cell, depth)
-    skin, stone = nearest[:2]
-    others = np.maximum.reduce([skin, *nearest[2:]])
-    body_cells = int((stone > others).sum())
-    score = 1.5 * min(int((skin > stone).sum()), 1.5 * body_cells) / CELLS**2
-    if len(nearest) > 2:
-        score += body_cells / int((stone > -np.inf).sum())
+    skin, stone = nearest
+    score = 1.5 * min(int((skin > stone).sum()), 1.5 * int((stone > skin).sum())) / CELLS**2
     if len(marks):
         cell, depth = depths(marks)
-        hidden = np.maximum.reduce([stone - 2e-3, skin - below, *nearest[2:]])[cell]
-        score += float(np.mean(depth > hidden))
+        score += float(np.mean(depth > np.maximum(stone - 2e-3, skin - below)[cell]))
     if len(forces):
         size = np.linalg.norm(forces, axis=1)
         across = np.linalg.norm((forces @ rotation.T)[:, :2], axis=1)

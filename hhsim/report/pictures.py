@@ -1,17 +1,17 @@
 """Pictures of the hand: skin for the graphic hand, blue glass for the haptic one, forces in red."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.render.hand_picture import label, seen_through
+from hhsim.render.hand_picture import label, transparent
 from hhsim.render.rasterizer import Camera, blend, frame, shade
-from hhsim.render.triangle_soup import STONE, Surface, joined, look_from, mesh_surface, near_hands
+from hhsim.render.triangle_soup import STONE, Surface, look_from, mesh_surface, near_hands
 from hhsim.render.viewpoint import View
-from hhsim.report.figure import INK, PAGE_INCHES, TEXT, ReportFigure, new_figure, page_figure
+from hhsim.report.figure import INK, ReportFigure, new_figure, page_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.view.scene_log import Moment, clearest_view, moment, overview_tick
 from hhsim.view.viewer import shown_scene
@@ -23,8 +23,6 @@ PICTURE = (3.6, 3.2)
 """Width and height of the picture of one tick [inches]."""
 SMALL_TEXT = 12.5
 """Size of its text [pt]: 12 pixels where the picture is shown 16 rem wide beside others."""
-OVERVIEW, HEADING = (3.5, 3.2), 0.24
-"""Width and height of each half of the overview, and height of its title [inches]."""
 RENDER_DPI = 170
 """Resolution of the rendered part; text is finer."""
 MARGIN = 0.06
@@ -32,62 +30,20 @@ MARGIN = 0.06
 DOT = "#212126"
 BAR = 0.02
 """Length of the bar that shows the scale [m]."""
-HANDS = (
-    "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces, hollow behind the hand; the object is "
-    "see-through."
-)
+HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
 CUT = "The object is larger than the picture, and cut at its edge."
 
 
-@dataclass(frozen=True)
-class Shot:
-    """One tick as it is drawn: hands, forces and contacts, the object near them, view, and alternative text.
-
-    `cut` is true if the object is larger.
-    """
-
-    moment: Moment
-    body: Surface
-    cut: bool
-    view: View
-    sentence: str
-
-
-def overview_picture(result: Result) -> ReportFigure:
-    """Draw the hand on the object at `overview_tick`; InputError without a tick, or as `stored_hand`."""
+def overview_picture(result: Result, view: View | None = None) -> ReportFigure:
+    """Draw the hand at `overview_tick`; InputError without a tick, or as `hand_picture`."""
     tick = overview_tick(result)
-    shot = _shot(result, tick, None)
-    camera = _camera(shot, OVERVIEW)
-    panels = {
-        "what the user sees": (blend([(shade(joined([shot.moment.graphic, shot.body]), camera), 1.0)]), None),
-        "why: the user's own hand (blue), forces": _see_through(shot, camera),
-    }
-    time = float(result.at(tick, ["time"])["time"])
-    caption = (
-        f"Tick {tick:,}, at {time:.3f} s: {result.phase_at(tick) or 'no phase'}. First the graphic hand, which stays "
-        "outside. Then the haptic hand, where the user's is, in blue; the object is see-through, dots are contacts, "
-        "and the red arrows are the contact forces, longer by the square root of their size. A hollow one is "
-        "behind another part of the hand, and has its finger's name."
-    ) + (f" {CUT}" if shot.cut else "")
-    height = HEADING + OVERVIEW[1]
-    with new_figure(PAGE_INCHES, height) as figure:
-        for place, (title, (picture, at)) in enumerate(panels.items()):
-            axes = figure.add_axes((0.5 * place, 0.0, 0.5, OVERVIEW[1] / height))
-            _show(axes, picture, at, camera)
-            axes.set_title(title, x=0.02, pad=4)
-        return page_figure("hand", "The hand on the object", caption, shot.sentence, figure)
-
-
-def held_picture(result: Result, view: View | None = None) -> ReportFigure:
-    """Draw the second half of the overview alone, from `view` or that of the overview; errors as `overview_picture`."""
-    tick = overview_tick(result)
-    figure = hand_picture(result, tick, view)
-    return replace(figure, name="hand", title=f"Tick {tick:,}, {result.phase_at(tick) or 'no phase'}")
+    time, phase = float(result.at(tick, ["time"])["time"]), result.phase_at(tick) or "no phase"
+    return replace(hand_picture(result, tick, view), name="hand", title=f"Tick {tick:,}, at {time:.3f} s, {phase}")
 
 
 def overview_view(result: Result) -> View:
-    """Return the viewer's direction of the overview; errors as `overview_picture`."""
-    return _shot(result, overview_tick(result), None).view
+    """Return the viewer's direction that shows most of `overview_tick`; errors as `overview_picture`."""
+    return _seen(result, overview_tick(result), None)[2]
 
 
 def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
@@ -106,61 +62,48 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
 
     Args:
         tick: Number of the tick, from 0.
-        view: Azimuth from x to y and elevation [degrees] of the viewer; None for that of the overview, or a clearer
-            one where much is hidden there.
+        view: Azimuth from x to y and elevation [degrees] of the viewer; None for the one that shows most.
 
     Raises:
         InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
     """
-    usual = overview_view(result) if view is None else None
-    shot = _shot(result, tick, None if view is None else View(*view), usual)
-    with new_figure(*PICTURE) as figure:
-        camera = _camera(shot, PICTURE)
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _show(axes, *_see_through(shot, camera), camera, size=SMALL_TEXT)
-        caption = f"{HANDS} {CUT}" if shot.cut else HANDS
-        return page_figure(f"tick-{tick}", f"Tick {tick:,}", caption, shot.sentence, figure)
-
-
-def _shot(result: Result, tick: int, view: View | None, usual: View | None = None) -> Shot:
-    scene = shown_scene(result)
-    shown = moment(result, scene, tick)
-    mesh = scene.placed(result.meshes_moved(tick))
-    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
-    body, cut = mesh_surface(near, STONE), near is not mesh
-    if view is None:
-        view = clearest_view(result, scene, tick, shown, body, usual)
+    shown, body, towards, cut = _seen(result, tick, view)
     touching = dict.fromkeys(force.name.partition("/")[0] for force in shown.forces)
     name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
     total = float(np.linalg.norm(result.at(tick, ("force/total",))["force/total"]))
     felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if touching else "no force"
-    sentence = f"The hand at {name}, tick {tick:,}: {felt}."
-    return Shot(shown, body, cut, view, f"{sentence} {CUT}" if cut else sentence)
+    tips = np.array([force.contact for force in shown.forces]).reshape(-1, 3) + shown.arrows
+    points = np.concatenate([*(surface.points for surface in (*shown.hands, body)), tips])
+    shape = (round(PICTURE[1] * RENDER_DPI), round(PICTURE[0] * RENDER_DPI))
+    camera = frame(points, look_from(towards.towards), shape, MARGIN)
+    with new_figure(*PICTURE) as figure:
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        _show(axes, blend(transparent(*shown.hands, shade(body, camera), shown.forces, camera)), shown, camera)
+        alt = f"The hand at {name}, tick {tick:,}: {felt}."
+        return page_figure(f"tick-{tick}", f"Tick {tick:,}", f"{HANDS} {CUT}" if cut else HANDS, alt, figure)
 
 
-def _camera(shot: Shot, size: tuple[float, float]) -> Camera:
-    """Return the camera of a picture of this width and height [inches]."""
-    tips = np.array([force.contact for force in shot.moment.forces]).reshape(-1, 3) + shot.moment.arrows
-    points = np.concatenate([*(surface.points for surface in (*shot.moment.hands, shot.body)), tips])
-    shape = (round(size[1] * RENDER_DPI), round(size[0] * RENDER_DPI))
-    return frame(points, look_from(shot.view.towards), shape, MARGIN)
+def _seen(result: Result, tick: int, view: tuple[float, float] | None) -> tuple[Moment, Surface, View, bool]:
+    """Return hands, forces and contacts of a tick, the object near them, the view, and whether the object is cut."""
+    scene = shown_scene(result)
+    shown = moment(result, scene, tick)
+    mesh = scene.placed(result.meshes_moved(tick))
+    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
+    body = mesh_surface(near, STONE)
+    towards = clearest_view(shown, body) if view is None else View(*view)
+    return shown, body, towards, near is not mesh
 
 
-def _see_through(shot: Shot, camera: Camera) -> tuple[FloatArray, Moment]:
-    picture, marked = seen_through(*shot.moment.hands, shot.body, shot.moment.forces, camera)
-    return picture, replace(shot.moment, forces=marked)
-
-
-def _show(axes: "Axes", picture: FloatArray, shown: Moment | None, camera: Camera, size: float = TEXT) -> None:
-    """Show a picture with the bar of its scale, and with contacts and the sizes of forces if a moment is given."""
+def _show(axes: "Axes", picture: FloatArray, shown: Moment, camera: Camera) -> None:
+    """Show a picture with the bar of its scale, contacts, and the sizes of forces."""
     axes.imshow(picture, interpolation="antialiased", aspect="auto")
     axes.set_axis_off()
-    if shown is not None:
-        seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
-        x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
-        axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
-        label(axes, shown.forces, camera, size=size, pixel=100.0 / RENDER_DPI)
+    seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
+    x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
+    axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
+    label(axes, shown.forces, camera, size=SMALL_TEXT, pixel=100.0 / RENDER_DPI)
     rows, columns = camera.shape
     long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
     axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
-    axes.text(left + 0.5 * long, down - 0.01 * rows, f"{100.0 * BAR:g} cm", ha="center", va="bottom", fontsize=size)
+    text = f"{100.0 * BAR:g} cm"
+    axes.text(left + 0.5 * long, down - 0.01 * rows, text, ha="center", va="bottom", fontsize=SMALL_TEXT)

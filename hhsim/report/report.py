@@ -11,7 +11,7 @@ from hhsim.errors import InputError, OutputError
 from hhsim.metrics.session_faults import how_it_ended
 from hhsim.replay.compare import Comparison, compare
 from hhsim.report.figure import ReportFigure
-from hhsim.report.pictures import HANDS, held_picture, overview_picture, overview_view
+from hhsim.report.pictures import HANDS, overview_picture, overview_view
 from hhsim.report.run import ReportRun, of_one_run, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.time_series import histogram_figure, series_figure
@@ -184,7 +184,7 @@ def _result_parts(
 
 
 def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
-    """Return the hand of one result in two halves, or the contact half of several results, seen from one side.
+    """Return the hand of each result, all seen from one side.
 
     Where a picture cannot be made, its place has a sentence.
     """
@@ -192,15 +192,14 @@ def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
     found: list[ReportFigure | str] = []
     for run in runs:
         try:
-            if several:
-                view = view or overview_view(run.result)
-                made = held_picture(run.result, view)
-                title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}"
-                found.append(replace(made, name=f"{run.prefix}{made.name}", title=title, caption=""))
-            else:
-                found.append(overview_picture(run.result))
+            view = view or overview_view(run.result)
+            made = overview_picture(run.result, view)
         except InputError as error:
             found.append(f"{f'{run.label}: ' if several else ''}No picture of the hand: {error}")
+        else:
+            title = f"{run.label}, {made.title[0].lower()}{made.title[1:]}"
+            named = replace(made, name=f"{run.prefix}{made.name}", title=title, caption="")
+            found.append(named if several else made)
     return found
 
 

@@ -5,24 +5,20 @@ A label is a letter, and in few words what tells each from the others.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
-from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
+from hhsim.metrics.run_ticks import PLACED, result_ticks, touched_object
 from hhsim.metrics.session_faults import broken_off
 from hhsim.replay.run_inputs import unusual_options
 from hhsim.replay.summary_table import SummaryRow, session_rows
 from hhsim.replay.verdict import MISSED, OK, Verdict, checked_figures, read_ticks, verdict
 from hhsim.result.reader import Result
-from hhsim.result.wording import cut, motion_name, object_name, option_value
-from hhsim.solver.method import TIMES
+from hhsim.result.wording import motion_name, object_name, option_value
 
 UNNAMED = "method"
 """Label where a file does not say which method was run."""
@@ -31,11 +27,6 @@ MOST_WORDS = 3
 DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
 """Datasets of /tick that follow from the poses."""
 BLOCK_TICKS = 16_384
-PHASE_COLUMNS = (
-    *("contacts/candidates", "status", "duration/total_cpu"),
-    *("force/total", "force_variation_rate", "penetration_depth"),
-)
-"""Datasets of /tick that the lines of phases are computed from, besides those of `read_ticks`."""
 ROUNDING = 1e-9
 """Depths that differ by no more are the same [m]."""
 
@@ -43,8 +34,7 @@ ROUNDING = 1e-9
 def result_labels(results: Sequence[Result]) -> list[str]:
     """Return a label for each result: its method and, where these differ, object, motion and unusual options.
 
-    Several results have letters, hands of one run their names. Results that differ in nothing else are told apart by
-    what they were run with.
+    Several results have letters, hands of one run their names.
     """
     if len(results) > 1 and all(of_one_run(results[0], other) for other in results[1:]):
         return [f"{result.name} hand" for result in results]
@@ -57,10 +47,6 @@ def result_labels(results: Sequence[Result]) -> list[str]:
         ", ".join([" ".join(part for part, differs in zip(name, varied) if differs), *words[:MOST_WORDS]])
         for name, words in zip(names, options)
     ]
-    if len(set(labels)) == 1:
-        labels = [
-            ", ".join([label, *words[:1]]) for label, words in zip(labels, _telling([_around(r) for r in results]))
-        ]
     return [f"{letter(number)}: {label}" for number, label in enumerate(labels)]
 
 
@@ -81,12 +67,6 @@ def _words(result: Result) -> list[str]:
     kind = [*(["live session"] if result.live is not None else []), *([f"{side} hand"] if side != "right" else [])]
     stated = unusual_options(result.scene).items()
     return kind + [f"{name.replace('_', ' ').replace('.', ' ')} {option_value(name, value)}" for name, value in stated]
-
-
-def _around(result: Result) -> list[str]:
-    """Return what a result was run with, in words."""
-    source = f"hhsim {result.hhsim_version}", f"commit {result.git_revision[:7]}"
-    return [word for word in (*source, cut(str(result.machine.get("cpu", "")))) if word]
 
 
 def _telling(words: Sequence[Sequence[str]]) -> list[list[str]]:
@@ -161,7 +141,6 @@ class ReportRun:
     misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
     # Table of a live session; empty for a replay, and where the recording was cut short.
     session: tuple[SummaryRow, ...]
-    phases: tuple[dict[str, Any], ...]
     verdict: Verdict  # verdict by the gate's default limits
 
     @property
@@ -194,7 +173,7 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
     """Compute what a report says of each result, with depths of the poses."""
     runs = []
     for label, result in zip(result_labels(results), map(posed_result, results)):
-        ticks = read_ticks(result, PHASE_COLUMNS)
+        ticks = read_ticks(result)
         rows, misstated = checked_figures(result, ticks)
         runs.append(
             ReportRun(
@@ -204,42 +183,7 @@ def report_runs(results: Sequence[Result]) -> list[ReportRun]:
                 rows=rows,
                 misstated=misstated,
                 session=() if result.live is None else session_rows(result.summary),
-                phases=tuple(phase_figures(result, ticks)),
                 verdict=verdict(result, rows),
             )
         )
     return runs
-
-
-def phase_figures(result: Result, ticks: RunTicks) -> list[dict[str, Any]]:
-    """Return a line for each phase, or one for all ticks without a phase; none without a tick.
-
-    CPU times are those of ticks in contact [µs], depth is in [µm], force the mean size of the total force [N].
-    """
-    if result.ticks == 0:
-        return []
-    spans = [(phase.name, phase.first_tick, min(phase.last_tick, result.ticks - 1)) for phase in result.phases]
-    found = []
-    for name, first, last in spans or [("all ticks", 0, result.ticks - 1)]:
-        part = slice(first, last + 1)
-        candidates, status = ticks["contacts/candidates"][part], ticks["status"][part]
-        timed = (candidates > 0) & result.gives(TIMES)
-        cpu = metrics.tick_statistics(ticks["duration/total_cpu"][part][timed])
-        force = metrics.statistics(np.linalg.norm(ticks["force/total"][part], axis=1))
-        found.append(
-            {
-                "name": name,
-                "first": first,
-                "last": last,
-                "seconds": (last - first + 1) / result.rate,
-                "cpu_p50": cpu.p50,
-                "cpu_p99": cpu.p99,
-                "depth": 1e6 * metrics.statistics(ticks["penetration_depth"][part]).max,
-                "force": force.mean,
-                "variation": metrics.statistics(ticks["force_variation_rate"][part]).mean,
-                "candidates": int(candidates.max(initial=0)),
-                "stuck": int(np.sum(status & STATUS_STUCK > 0)),
-                "lagging": int(np.sum(status & STATUS_LAG > 0)),
-            }
-        )
-    return found

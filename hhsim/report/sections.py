@@ -37,22 +37,8 @@ DRIVEN = "moves as the motion has it; figures and pictures are seen from it"
 FORCES = {"kkt": "multipliers of the program (kkt)", "paper": "Eq. 14 of the paper"}
 COUPLING = {"translation": "N/m", "rotation": "N·m/rad", "flexion": "N·m/rad"}
 
-MOST_PHASES = 100
 MOST_EVENTS = 60
 EVENT_LEVELS = ("information", "warning", "fault")
-PHASE_COLUMNS = (
-    words("phase", "name"),
-    number("ticks", lambda phase: f"{phase['first']:,} to {phase['last']:,}"),
-    number("time", "seconds", "s", 3),
-    number("CPU p50 [µs]", "cpu_p50", digits=1),
-    number("CPU p99 [µs]", "cpu_p99", digits=1),
-    number("deepest [µm]", "depth", digits=3),
-    number("force, mean", "force", "N", 3),
-    number("force change, mean", "variation", "%", 3),
-    number("pairs, most", "candidates"),
-    number("stuck"),
-    number("lagging"),
-)
 WORST_COLUMNS = (
     words("what"),
     number("value", digits=3),
@@ -122,8 +108,9 @@ def run_facts(result: Result) -> dict[str, str]:
     return facts
 
 
-def machine_facts(result: Result) -> dict[str, str]:
-    """Return machine and versions."""
+def origin_facts(result: Result) -> dict[str, str]:
+    """Return machine, versions, the file, its state and its checksums."""
+    stated: Mapping[str, Any] = result.scene.get("checksums", {})
     machine = {str(name): str(value) for name, value in result.machine.items()}
     packages = ", ".join(f"{name} {version}" for name, version in sorted(result.packages.items()))
     return {
@@ -135,13 +122,6 @@ def machine_facts(result: Result) -> dict[str, str]:
         "hhsim": result.hhsim_version,
         "commit": commit(result),
         "packages": packages or NONE,
-    }
-
-
-def origin_facts(result: Result) -> dict[str, str]:
-    """Return the file, its state and its checksums."""
-    stated: Mapping[str, Any] = result.scene.get("checksums", {})
-    return {
         "file": result.path.name,
         "SHA-256 of the file": file_digest(result.path),
         "written": result.created_utc,
@@ -162,20 +142,11 @@ def file_digest(path: Path) -> str:
 
 
 def _session(result: Result, live: Mapping[str, Any]) -> dict[str, str]:
-    from hhsim.live.real_time import described
-
     device = _json(live.get("device"))
-    mode = _json(live.get("real_time"))
-    try:
-        real_time = described(mode) if mode else NONE
-    except (KeyError, TypeError, ValueError):
-        real_time = "damaged"
     return {
         "glove": str(device.get("name") or device.get("kind") or NONE),
         "palm's pose from": str(live.get("pose") or NONE),
         "glove was told": "nothing (dry run)" if live.get("dry_run") else "where to stop and how hard",
-        "real time": real_time,
-        "refused by the system": "; ".join(mode.get("refused", [])) or "nothing",
         "ended": how_it_ended(result),
     }
 
@@ -203,7 +174,6 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
         "key_figures": key_table(runs, comparisons),
         "comparable": comparable,
         "in_short": Table.of_cells(("what", "value"), [(name, facts[name]) for name in BRIEF_FACTS], "In short"),
-        "differences": [(run, differences(runs[0], run, found)) for run, found in zip(runs[1:], comparisons) if found],
         "sessions": [
             (run, recorded_faults(run.result).line, log_table(run.result))
             for run in runs
@@ -220,10 +190,8 @@ def result_tables(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | 
             for name in dict.fromkeys(run.result.path.name for run in runs)
             for verb in ("view", "verify", "replay")
         ],
-        "phase_table": lambda run: phase_table(run, of_run("Phases of the motion", run)),
         "worst_table": lambda run: Table(WORST_COLUMNS, worst_ticks(run.result), of_run("Worst ticks", run)),
-        "machine": facts_table("Machine and versions", runs, machine_facts),
-        "origin": facts_table("Files and checksums", runs, origin_facts),
+        "origin": facts_table("Machine, versions, files and checksums", runs, origin_facts),
         "solver_options": facts_table("Every option of the solver, SI units", runs, _options),
     }
 
@@ -255,28 +223,6 @@ def all_figures(runs: Sequence[ReportRun], comparisons: Sequence[Comparison | No
     of_paper = any(row.paper for row in first.rows)
     paper = "; the paper's are of its own machine (an Intel Core i7-8700) and scenes" if of_paper else ""
     return figure_table(first.rows, f"Figures, {source}{paper}", name="figure")
-
-
-def differences(first: ReportRun, run: ReportRun, comparison: Comparison) -> list[str]:
-    """Return what differs between a result and the first one, and which figures are better or worse."""
-    pairs = ((row, first.row(row.name)) for row in run.rows)
-    found = {row.label: compared(base, row, comparison).word for row, base in pairs if base is not None}
-    items = [comparison.sentence()]
-    items += [f"Run otherwise: {text}." for text in comparison.how] or ["Run in the same way."]
-    items += [f"Around it: {text}." for text in comparison.around]
-    for word in (BETTER, WORSE):
-        names = [label for label, its in found.items() if its == word]
-        if names:
-            items.append(f"{word.capitalize()} than {first.letter}: {'; '.join(names)}.")
-    return items
-
-
-def phase_table(run: ReportRun, title: str) -> Table:
-    """Return the first phases of a result."""
-    more = len(run.phases) - MOST_PHASES
-    return Table(
-        PHASE_COLUMNS, run.phases[:MOST_PHASES], title + (f"; {more:,} more are in the file" if more > 0 else "")
-    )
 
 
 def worst_ticks(result: Result) -> list[dict[str, Any]]:

@@ -3,10 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
@@ -26,10 +25,6 @@ if TYPE_CHECKING:
 FORCES = ("resultant", *FINGERS, "palm")
 PAIRS = ("within the margin", "touching")
 FORCE_COLORS = (style.INK, *style.FINGER_COLORS, style.SKY)
-MOST_POINTS = 6_000
-"""Most ticks that are drawn point by point; a longer run is drawn as a band."""
-STRETCHES = 700
-"""Number of stretches of the axis in a band."""
 PHASE_COLORS = {HOLD: "#e6eef6", "slide": "#fbefdd", "carry": "#fbefdd"}
 """Colours of the phases that the paper's figures shade; the others stay white."""
 BETWEEN = 0.11
@@ -46,8 +41,7 @@ CAPTION = (
     "first result. Penetration is measured after each tick; the change of the force is not defined below 0.01 N. "
     "Stiffness is what a session told its glove, of several results the largest of the five fingers: 0 is a free "
     "finger. Dashed lines through all panels: a session's faults, and its end where that was not in order. Friction is "
-    f"that of the contact nearest to sliding: at 100 % it slides. Runs of more than {MOST_POINTS:,} ticks are bands "
-    "from the least to the largest value, with the median as a line: no spike is lost."
+    "that of the contact nearest to sliding: at 100 % it slides."
 )
 
 
@@ -138,27 +132,19 @@ def series_figure(results: Mapping[str, Result]) -> style.ReportFigure:
         return style.page_figure("series", title, CAPTION, _series_alt(runs, len(panels)), figure)
 
 
-def _curve(
-    axes: "Axes", run: Run, values: Any, color: str, dashes: str = "-", label: str = "", width: float = 0.9
-) -> None:
-    """Draw a curve; of a long run as a band, with the median as a line."""
-    band = minmax_band(run.at, values, STRETCHES if len(run.at) > MOST_POINTS else len(run.at))
-    if len(band.at) < len(run.at):
-        axes.fill_between(band.at, band.low, band.high, color=color, alpha=0.3, linewidth=0.0)
-    axes.plot(band.at, band.middle, color=color, linestyle=dashes, linewidth=width, label=label)
-
-
 def _curves(axes: "Axes", runs: Sequence[Run], values: Callable[[Run], Any], width: float = 0.9) -> None:
     """Draw a curve for each run that has values."""
     for number, run in enumerate(runs):
         if (drawn := values(run)) is not None:
-            _curve(axes, run, drawn, *style.run_style(number), label=run.label, width=width)
+            color, dashes = style.run_style(number)
+            axes.plot(run.at, drawn, color=color, linestyle=dashes, label=run.label, linewidth=width)
 
 
 def _draw_forces(axes: "Axes", runs: Sequence[Run]) -> None:
     if len(runs) == 1:
         for k, (name, color) in enumerate(zip(FORCES, FORCE_COLORS)):
-            _curve(axes, runs[0], runs[0].force[:, k], color, label=name, width=1.4 if k == 0 else 1.0)
+            width = 1.4 if k == 0 else 1.0
+            axes.plot(runs[0].at, runs[0].force[:, k], color=color, label=name, linewidth=width)
     else:
         _curves(axes, runs, lambda run: run.force[:, 0], 1.2)
     axes.set_ylim(0.0, max(1.12 * axes.get_ylim()[1], 0.1))
@@ -187,8 +173,9 @@ def _draw_pairs(axes: "Axes", runs: Sequence[Run]) -> None:
     for number, run in enumerate(runs):
         color, dashes = style.run_style(number)
         looks = ((style.SKY, "-"), (style.INK, "-")) if len(runs) == 1 else ((color, dashes), (color, ":"))
-        for name, look, label in zip(("candidates", "touching"), looks, PAIRS if number == 0 else ("", "")):
-            _curve(axes, run, run.result[f"contacts/{name}"], *look, label)
+        for name, (hue, line), label in zip(("candidates", "touching"), looks, PAIRS if number == 0 else ("", "")):
+            values = run.result[f"contacts/{name}"]
+            axes.plot(run.at, values, color=hue, linestyle=line, label=label, linewidth=0.9)
     axes.set_ylim(0.0, max(1.08 * axes.get_ylim()[1], 1.0))
 
 
@@ -212,7 +199,7 @@ def _draw_variation(axes: "Axes", runs: Sequence[Run]) -> None:
 def _draw_stiffness(axes: "Axes", runs: Sequence[Run]) -> None:
     if len(runs) == 1 and (stiffness := runs[0].stiffness) is not None:
         for finger, (name, color) in enumerate(zip(FINGERS, style.FINGER_COLORS)):
-            _curve(axes, runs[0], stiffness[:, finger], color, label=name)
+            axes.plot(runs[0].at, stiffness[:, finger], color=color, label=name, linewidth=0.9)
     else:
         _curves(axes, runs, lambda run: None if run.stiffness is None else run.stiffness.max(axis=1, initial=0.0))
     axes.set_ylim(0.0, max(1.15 * axes.get_ylim()[1], 0.1))
@@ -297,30 +284,6 @@ def _series_alt(runs: Sequence[Run], panels: int) -> str:
         said = (f"total force up to {force:.2f} N", f"penetration up to {1e6 * depth:.3g} µm", *told, *marks, *rise)
         sentences.append(f"{who}{', '.join(said)}.")
     return " ".join(sentences)
-
-
-class MinMaxBand(NamedTuple):
-    """Middle of each of n stretches of the axis, and least value, median and largest value there (NaN without any)."""
-
-    at: FloatArray
-    low: FloatArray
-    middle: FloatArray
-    high: FloatArray
-
-
-def minmax_band(at: FloatArray, values: NDArray[np.floating], stretches: int) -> MinMaxBand:
-    """Return the band of a curve, shapes (T,); the curve itself where it has no more values than stretches."""
-    if len(values) <= stretches:
-        whole = np.asarray(values, np.float64)
-        return MinMaxBand(at, whole, whole, whole)
-    edges = np.linspace(0, len(values), stretches + 1).astype(np.int64)
-    starts = edges[:-1]
-    # NaN is no value: fmin and fmax pass it over.
-    low, high = (np.asarray(reduce.reduceat(values, starts), np.float64) for reduce in (np.fmin, np.fmax))
-    middle = np.full(stretches, np.nan)
-    for k in np.flatnonzero(np.isfinite(low)):
-        middle[k] = np.nanmedian(values[edges[k] : edges[k + 1]])
-    return MinMaxBand(0.5 * (at[starts] + at[edges[1:] - 1]), low, middle, high)
 
 
 BINS_A_DECADE = 30

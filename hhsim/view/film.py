@@ -143,7 +143,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         body = mesh_surface(near_hands(scene.mesh, points), STONE)
     shown = at(usual)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
-    view = clearest_view(result, scene, usual, shown, body)
+    view = clearest_view(shown, body)
     camera = frame(np.concatenate([points, body.points]), look_from(view.towards), (rows, columns), margin=0.06)
     stone = shade(body, camera)
     for tick in ticks.tolist():
@@ -151,7 +151,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         if moves:
             stone = shade(_at_tick(bodies, result, tick), camera)
         now = at(tick)
-        layers, _ = transparent(*now.hands, stone, now.forces, camera)
+        layers = transparent(*now.hands, stone, now.forces, camera)
         yield _written_on(composed(layers), results, tick, width)
 
 

@@ -372,15 +372,9 @@ def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surfac
     return Moment(graphic, painted(haptic, GHOST), forces, contacts)
 
 
-def clearest_view(
-    result: Result, scene: ShownScene, tick: int, shown: Moment, body: Surface, usual: View | None = None
-) -> View:
-    """Return the view that shows most of a tick, as `viewpoint`; of several bodies most of the one that is moved."""
-    rest, moved = None, result.meshes_moved(tick)
-    if result.body.is_free and len(moved) > 1:
-        meshes = [mesh for mesh, _ in scene.bodies.values()]
-        body, rest = (mesh_surface(placed_mesh(meshes[of], moved[of]), STONE) for of in (slice(1), slice(1, None)))
-    return viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows, usual, rest=rest)
+def clearest_view(shown: Moment, body: Surface) -> View:
+    """Return the view that shows most of a tick beside an object, as `viewpoint`."""
+    return viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows)
 
 
 def both_hands(moments: Sequence[Moment]) -> Moment:

@@ -11,7 +11,7 @@ from conftest import Run
 
 from hhsim.bench.suites.peers import capsule_hand
 from hhsim.engines import mujoco as module
-from hhsim.engines.mujoco import COARSE, FINE, Ball, Box, Hull, MuJoCoFast, convex_parts, lack_of
+from hhsim.engines.mujoco import Ball, Box, Hull, MuJoCoFast, convex_parts, lack_of
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
@@ -64,19 +64,6 @@ def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
     assert np.linalg.norm(shown.total[-1] - ours.total[-1]) < 0.3 * np.linalg.norm(ours.total[-1])
     assert np.linalg.norm(ours.total[-1]) > 0.1
     assert (shown.duration[:, 1] > 0).all()
-
-
-def test_large_triangles_are_split_since_mujoco_misses_contacts_of_them() -> None:
-    pytest.importorskip("mujoco")
-    from hhsim.engines.mujoco import LONGEST, MuJoCoTriangles
-
-    mesh = load_object("cube").mesh
-    model: Any = MuJoCoTriangles(MethodScene(capsule_hand(), mesh, None, SolverOptions(surface="mesh")))._model
-    corners = model.flex_vert[model.flex_elem.reshape(-1, 3)]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    assert np.linalg.norm(np.diff(mesh.triangles, axis=1), axis=2).max() > LONGEST >= edges.max()
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
-    np.testing.assert_allclose(area, 6.0 * mesh.extent[0] ** 2)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -143,7 +130,7 @@ def test_what_is_convex_is_one_hull_and_needs_no_decomposition(monkeypatch: pyte
 def test_parts_are_found_once_and_a_damaged_file_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh, made = load_object("cup").mesh, []
 
-    def decompose(given: object, concavity: float) -> list[np.ndarray]:
+    def decompose(given: object) -> list[np.ndarray]:
         made.append(given)
         return [mesh.vertices[:5], mesh.vertices[5:9]]
 
@@ -160,15 +147,7 @@ def test_parts_are_found_once_and_a_damaged_file_is_made_anew(tmp_path: Path, mo
     assert len(made) == 2
 
 
-def test_finer_parts_are_others_and_a_closed_mesh_is_not_remeshed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_closed_mesh_is_not_remeshed() -> None:
     mesh = load_object("cup").mesh
-    monkeypatch.setattr(module, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(module, "_decompose", lambda mesh, concavity: [mesh.vertices[: round(1000 * concavity)]])
-    sizes = [
-        len(part.points) for limit in (COARSE, FINE) for part in convex_parts(mesh, limit) if isinstance(part, Hull)
-    ]
-    assert sizes == [20, 10]
     assert module._preparation(mesh) == "off"
     assert module._preparation(replace(mesh, faces=mesh.faces[1:])) == "auto"

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 import sealed_change
 from drawings_alone import leave_charts_undrawn
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -21,14 +19,14 @@ from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
-from hhsim.render.triangle_soup import SKIN, Surface, joined, round_cone_surface
-from hhsim.render.viewpoint import View, viewpoint
+from hhsim.render.triangle_soup import SKIN, round_cone_surface
+from hhsim.render.viewpoint import viewpoint
 from hhsim.report import pictures as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
 from hhsim.report.pictures import hand_picture
 from hhsim.report.sections import worst_ticks
-from hhsim.report.time_series import Run, histogram_figure, minmax_band, series_figure
+from hhsim.report.time_series import Run, histogram_figure, series_figure
 from hhsim.result.reader import Result, load_result
 from hhsim.view.scene_log import overview_tick
 
@@ -88,23 +86,6 @@ def pixels(png: bytes) -> NDArray[np.uint8]:
     return np.asarray(Image.open(io.BytesIO(png)))
 
 
-@given(st.lists(st.floats(-1e6, 1e6) | st.just(float("nan")), min_size=1, max_size=200), st.integers(1, 40))
-def test_a_band_holds_every_value_and_no_more(values: list[float], stretches: int) -> None:
-    array = np.array(values)
-    band = minmax_band(np.arange(len(array), dtype=np.float64), array, stretches)
-    assert len(band.at) == min(stretches, len(array))
-    assert (np.diff(band.at) > 0.0).all()
-    defined = array[~np.isnan(array)]
-    if defined.size == 0:
-        assert np.isnan(band.low).all()
-        return
-    assert np.nanmin(band.low) == defined.min()
-    assert np.nanmax(band.high) == defined.max()
-    known = ~np.isnan(band.low)
-    assert (band.low[known] <= band.middle[known]).all()
-    assert (band.middle[known] <= band.high[known]).all()
-
-
 def test_forces_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(report_series, "BLOCK_TICKS", 37)
     force = Run("A", result).force
@@ -158,14 +139,6 @@ def test_results_side_by_side_are_told_apart(result: Result, alone: dict[Chart, 
         assert "no tick" in both.alt.lower()
 
 
-def test_a_long_run_is_drawn_as_a_band(
-    result: Result, alone: dict[Chart, ReportFigure], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(report_series, "MOST_POINTS", 100)
-    monkeypatch.setattr(report_series, "STRETCHES", 40)
-    assert series_figure({"A": result}).png != alone[series_figure].png
-
-
 def test_the_worst_ticks_are_the_planted_ones(result: Result, tmp_path: Path) -> None:
     def slow(values: NDArray[np.generic]) -> None:
         values[37] = 5_000_000
@@ -206,22 +179,6 @@ def test_the_view_shows_the_marks() -> None:
     view = viewpoint(hand, ball, marks, nothing)
     # Marks and hand are on the far side for a viewer at 180 degrees.
     assert abs((view.azimuth + 180.0) % 360.0 - 180.0) <= 90.0
-    usual = View(30.0, 10.0)
-    assert viewpoint(hand, ball, marks, nothing, usual) == usual
-    hidden = View(180.0, 10.0)
-    assert viewpoint(hand, ball, marks, nothing, hidden) != hidden
-
-
-def test_the_view_shows_what_the_hand_moves_and_not_only_what_stands_around() -> None:
-    def ball(x: float, y: float, z: float, radius: float) -> Surface:
-        return round_cone_surface(np.array([x, y, z]), np.array([x, y, z]), radius, radius, SKIN)
-
-    # The hand hides a small ball from most sides, and a large one stands behind both.
-    hand = joined([ball(0.05, y, 0.0, 0.03) for y in (-0.04, 0.0, 0.04)] + [ball(0.0, 0.04, 0.04, 0.04)])
-    held, rest, nothing = ball(0.0, 0.0, 0.0, 0.015), ball(0.0, -0.3, -0.2, 0.2), np.empty((0, 3))
-    seen = viewpoint(hand, held, nothing, nothing, rest=rest)
-    assert seen != viewpoint(hand, joined([held, rest]), nothing, nothing)
-    assert seen.towards @ [-1.0, -1.0, 0.0] > 0.5
 
 
 @pytest.mark.usefixtures("coarse")

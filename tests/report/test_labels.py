@@ -49,12 +49,6 @@ def test_options_are_told_that_are_not_usual_and_not_of_all(plain: Result) -> No
     assert result_labels([plain, slow])[1].startswith("B: coupled, rate 72")
 
 
-def test_the_same_again_is_told_by_what_ran_it_and_never_by_its_file(plain: Result) -> None:
-    assert result_labels([plain, plain, plain]) == ["A: coupled", "B: coupled", "C: coupled"]
-    other = replace(plain, git_revision="0123456789")
-    assert result_labels([plain, other])[1] == "B: coupled, commit 0123456"
-
-
 @given(st.integers(0, 5000))
 def test_letters_are_those_of_a_counter_of_letters(number: int) -> None:
     alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"

@@ -78,9 +78,8 @@ def dots(monkeypatch: pytest.MonkeyPatch) -> None:
 
     makers = {name: lambda _, name=name: dot(name) for name in CHARTS}
     monkeypatch.setattr("hhsim.report.report.CHARTS", makers)
-    monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result: dot("overview"))
+    monkeypatch.setattr("hhsim.report.report.overview_picture", lambda result, view: dot("overview"))
     monkeypatch.setattr("hhsim.report.report.overview_view", lambda result: View(0.0, 0.0))
-    monkeypatch.setattr("hhsim.report.report.held_picture", lambda result, view: dot("overview"))
 
 
 def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
@@ -173,17 +172,6 @@ def test_worst_ticks_are_told(coupled: Path, dots: None) -> None:
     assert row[5] == result.phase_at(slowest)
 
 
-def test_phases_add_up_to_the_run(coupled: Path, dots: None) -> None:
-    result, rows = load_result(coupled), page_of(coupled).rows("Phases")
-    assert [row[0] for row in rows[1:]] == [phase.name for phase in result.phases]
-    depth = [float(row[5].replace(",", "")) for row in rows[1:]]
-    assert max(depth) == round(1e6 * result["penetration_depth"].max(), 3)
-    hold = next(row for row in rows if row[0] == "hold")
-    mean = np.linalg.norm(result["force/total"][result.phase("hold")], axis=1).mean()
-    assert hold[6] == f"{mean:.3f}"
-    assert hold[2] == "0.150"
-
-
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
     still = dict.fromkeys(LIMITED, 0.0)
 
@@ -236,7 +224,6 @@ def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_pa
     assert run.result.deepest == pytest.approx(deepest, abs=1e-9)
     assert run.result.stated_depth < 1e-6
     assert {row.name: row.value for row in run.rows}["penetration_max"] == run.result.deepest
-    assert max(phase["depth"] for phase in run.phases) == pytest.approx(1e6 * run.result.deepest)
     assert run.verdict.word == "limits missed"
     assert "its poses are" in report.verdict_lines()[1]
     assert "depth misstated" in report.html
@@ -332,9 +319,7 @@ def test_a_run_of_hardly_a_tick_has_a_page(coupled: Path, tmp_path: Path, dots: 
     assert report.runs[0].verdict.word == ("no ticks" if ticks == 0 else "cut short")
     facts = {row[0]: row[1] for row in page.rows("What was run")}
     assert facts["ticks"].startswith(f"{ticks} at 1,000 Hz")
-    assert {row[0]: row[1] for row in page.rows("Files and checksums")}["complete"].startswith("no")
-    if ticks:
-        assert [row[0] for row in page.rows("Phases")[1:]] == ["approach", "grasp"][: 1 + (ticks > 50)]
+    assert {row[0]: row[1] for row in page.rows("Machine, versions")}["complete"].startswith("no")
 
 
 def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path, dots: None) -> None:
@@ -349,19 +334,6 @@ def test_what_is_not_finite_is_no_figure(coupled: Path, tmp_path: Path, dots: No
     rows = {row.name: row for row in report.runs[0].rows}
     assert np.isfinite(rows["penetration_max"].value)
     assert "NaN" not in report.html.replace("not NaN", "")
-
-
-def test_a_motion_without_phases_is_one_line(coupled: Path, tmp_path: Path, dots: None) -> None:
-    def plain(file: h5py.File) -> None:
-        del file["phase"]
-        group = file.create_group("phase")
-        group.create_dataset("name", data=[], dtype=h5py.string_dtype())
-        for name in ("first_tick", "last_tick"):
-            group.create_dataset(name, data=np.zeros(0, "<i8"))
-
-    rows = page_of(changed(coupled, tmp_path, plain)).rows("Phases")
-    assert [row[0] for row in rows[1:]] == ["all ticks"]
-    assert rows[1][1] == "0 to 349"
 
 
 def test_names_that_are_markup_are_shown_as_they_are(coupled: Path, tmp_path: Path, dots: None) -> None:

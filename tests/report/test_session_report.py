@@ -39,8 +39,7 @@ def undrawn() -> Iterator[list[Figure]]:
     """Figures of charts whose pixels are left out."""
     with pytest.MonkeyPatch.context() as patch:
         figures = leave_charts_undrawn(patch)
-        for maker in ("overview_picture", "held_picture"):
-            patch.setattr(f"hhsim.report.report.{maker}", lambda *_: PICTURE)
+        patch.setattr("hhsim.report.report.overview_picture", lambda *_: PICTURE)
         patch.setattr("hhsim.report.report.overview_view", lambda _: None)
         yield figures
 

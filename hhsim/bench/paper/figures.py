@@ -17,7 +17,7 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import arrow_layers, arrow_surfaces, behind, label, with_hidden
+from hhsim.render.hand_picture import arrow_layers, arrow_surfaces, behind, label
 from hhsim.render.rasterizer import blend, frame, shade
 from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, look_from, mesh_surface, painted
 from hhsim.render.viewpoint import GHOST, PieceForce, View, viewpoint
@@ -151,7 +151,7 @@ def _curves_figure(number: str, runs: Sequence[SceneRun]) -> "tuple[Figure, Sequ
             place = figure.add_axes((0.06 + k * share, low, share, size / 100 / height))
             draw_scene(place, run, mesh, view, size, k, _forces(number, run, k))
             place.set_title(moment.name, fontsize=10, color="0.3", pad=1)
-    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}, hollow behind another part of the hand"
+    said = f"skin: graphic hand; blue: haptic hand; red: {ARROWS[number]}"
     figure.text(0.06, 1.0 - 0.32 / height, runs[-1].scenario.name, fontsize=14)
     figure.text(0.99, 1.0 - 0.32 / height, said, fontsize=10, color="0.4", ha="right")
     inside = {"left": 0.06, "right": 0.98, "bottom": 0.55 / height, "top": CURVES_TOP / height}
@@ -250,10 +250,9 @@ def draw_scene(
     camera = frame(joined([graphic, body, *arrow_surfaces(forces)]).points, look_from(view.towards), (size, size))
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
     layers = [(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)]
-    marked = with_hidden(forces, hand, camera)
-    axes.imshow(blend([*layers, *arrow_layers(marked, camera)]), interpolation="none")
+    axes.imshow(blend([*layers, *arrow_layers(forces, camera)]), interpolation="none")
     axes.set_axis_off()
-    label(axes, marked, camera, 8.0)
+    label(axes, forces, camera, 8.0)
 
 
 def best_view(run: SceneRun, mesh: Mesh, moment: int = 0, forces: Sequence[PieceForce] = ()) -> View:

@@ -5,23 +5,20 @@ and dropped block by block.
 """
 
 import json
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from hhsim.arrays import BoolArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import BLOCK, SafetyMeasure, is_safe, pieces_of, recorded_penetration, solvers_of
 from hhsim.bench.suite import Row, Suite
-from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
 from hhsim.linkage.file import resolve_object
 from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.analytic_motion import hold_readings, replayed, trajectory_of
+from hhsim.motion.analytic_motion import replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
 from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
@@ -39,8 +36,6 @@ FAILURES = RESULTS / "failures"
 """Folder of the motions that fail by a method that promises not to."""
 MADE_BY = "hhsim failure "
 """Beginning of the source of a kept trajectory."""
-STRETCH_BLOCKS = 2
-"""Blocks up to a failure that are kept."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,13 +62,6 @@ class StressCase:
         surface = contact_surface(self.solver.surface, self.mesh, self.tree).arrays
         pieces = pieces_of(self.solver.surface, self.mesh, self.tree)
         return HandSolver(self.hand, surface, self.solver), SafetyMeasure(self.hand, pieces, self.solver)
-
-    def failed(self, motion: HandConfiguration) -> dict[str, BoolArray]:
-        """Return the failed ticks of a motion by a solver of its own, as a replay has it, by the kind of failure."""
-        solver, safety = self.begin()
-        record = solver.run(*motion)
-        depth = recorded_penetration(self.hand, solver.workspace.surface, record).depth
-        return safety.add(hold_readings(motion), record, depth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,19 +137,16 @@ def run_case(case: StressCase) -> Row:
     """Run one case and return its row; HhsimError for too many near pairs, or a failure not written."""
     warm_up(case.hand, case.solver)
     (solver, safety), targets, cpu = case.begin(), case.targets(), LogHistogram()
-    stretch: deque[tuple[HandConfiguration, HandConfiguration]] = deque(maxlen=STRETCH_BLOCKS)
     kept: dict[str, str] = {}
     for first in range(0, case.ticks, BLOCK):
         motion = targets.take(min(BLOCK, case.ticks - first))
         record = solver.run(*motion)
         cpu.add(record.duration_cpu)
-        stretch.append((motion, HandConfiguration.of(record).copy()))
         depth = recorded_penetration(case.hand, solver.workspace.surface, record).depth
         for kind, ticks in safety.add(safety.readings(motion), record, depth).items():
             if never_penetrates(case.solver.method) and kind not in kept and ticks.any():
-                tick = int(np.argmax(ticks))
-                command = keep_failure(case, kind, first + tick, tick, list(stretch))
-                kept[kind] = f"{kind} at tick {first + tick:,}: {command}"
+                tick = first + int(np.argmax(ticks))
+                kept[kind] = f"{kind} at tick {tick:,}: {keep_failure(case, kind, tick)}"
     return {
         "object": case.object,
         "method": case.solver.method,
@@ -176,24 +161,11 @@ def run_case(case: StressCase) -> Row:
     }
 
 
-def keep_failure(
-    case: StressCase,
-    kind: str,
-    tick: int,
-    tick_in_block: int,
-    stretch: list[tuple[HandConfiguration, HandConfiguration]],
-) -> str:
-    """Write the stretch up to a failure as a trajectory; return the command that replays it.
+def keep_failure(case: StressCase, kind: str, tick: int) -> str:
+    """Write the motion up to a failure as a trajectory; return the command that replays it.
 
-    It begins with the hand that was shown before it. If it does not fail alone, the whole way there is written. Errors
-    as of `save_trajectory`.
+    Errors as of `save_trajectory`.
     """
-    motion, graphic = (sequence(*pieces) for pieces in zip(*stretch))
-    end = motion.ticks - (stretch[-1][0].ticks - tick_in_block - 1)
-    shown = replayed(sequence(graphic.part(0, 1), replayed(motion).part(1, end)))
-    if not case.failed(shown)[kind].any():
-        # The solver's memory of what came before the stretch decides.
-        shown = replayed(case.targets().take(tick + 1))
     FAILURES.mkdir(parents=True, exist_ok=True)
     used, plain = case.solver.to_json(), SolverOptions(method=case.solver.method).to_json()
     touched = "" if case.solver.surface == "spheres" else f"-{case.solver.surface}"
@@ -207,7 +179,8 @@ def keep_failure(
     command = " ".join(words)
     origin = {"kind": kind, "seed": case.seed, "tick": tick, "stress": asdict(case.stress), "solver": used}
     source = MADE_BY + json.dumps({**origin, "replay": command}, sort_keys=True)
-    save_trajectory(trajectory_of(shown, name=path.stem, source=source), path)
+    motion = replayed(case.targets().take(tick + 1))
+    save_trajectory(trajectory_of(motion, name=path.stem, source=source), path)
     return command
 
 

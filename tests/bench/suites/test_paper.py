@@ -173,7 +173,7 @@ def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
 
 def test_only_our_methods_have_bars_and_what_is_not_measured_keeps_none() -> None:
     def judged(ours: float, bar: float = 1e-6, paper: float = 1e-4, method: str = "coupled") -> Row:
-        return paper_row("depth", "V-D", "depth", method, "m", paper, "≈ 0.1 mm", ours, bar)
+        return paper_row("depth", method, ours, label="depth", paper=paper, bar=bar)
 
     one, nan = judged(5e-7), math.nan
     assert one["passed"] and one["ratio"] == pytest.approx(200.0)
