@@ -33,7 +33,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
     hand_length: float | None = option(
         type=HAND_LENGTH,
         metavar="MM",
-        help="Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.",
+        help="Length of a recorded hand without scale, wrist crease to middle fingertip [mm]. Default: 190.",
     )
     other_hand: bool = option(is_flag=True, help="Make a right hand's motion of a left hand's, or the other way round.")
     hand_file: Path | None = file(
@@ -56,7 +56,6 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
             time_unit=file.time_unit,
             length_unit=None if recording.scaled else file.length_unit,
             angle_unit=file.angle_unit,
-            hand_length=metres(self.hand_length),
             **limits,
         )
 
@@ -150,7 +149,7 @@ def command(
         print_json({"file": str(file), **document, "path": str(output_path), "hand_file": hand_file})
     elif not output.quiet:
         written = [str(output_path)] + ([f"its hand to {fit_hand}"] if fit_hand else [])
-        motion, length = cleaned.trajectory, cleaned.hand_length
+        motion, length = cleaned.trajectory, recording.hand_length
         side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
         long = f" of {1e3 * length:.0f} mm" if length is not None else ""
         title = f"{file.name}, {recording.form}: {side}{long}"

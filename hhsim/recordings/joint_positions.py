@@ -9,7 +9,7 @@ world from Unity's left-handed one, in which a hand is the mirror of the other.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -250,7 +250,8 @@ def _known_side(
     points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str
 ) -> HandSide:
     """Return the side of the hand, as named or by the bend of its fingers; `structural` if --hand cannot replace it."""
-    side, above = _bends_as(points), _thumb_above(points)
+    seen = _palmar_side(points)
+    side = seen.bends_as
     if not hand:
         if not side:
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
@@ -259,15 +260,15 @@ def _known_side(
             text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
         findings.append(note(f"{text}; else say --hand"))
         return side
-    back = -np.degrees(_bend(points, hand))
+    back = -np.degrees(seen.bend[hand])
     # A hand that is bent backwards has its thumb before the palm all the same.
-    if side == OTHER[hand] and above[hand] > -THUMB_HEIGHT:
+    if side == OTHER[hand] and seen.above[hand] > -THUMB_HEIGHT:
         way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
         other = "--mirror x --other-hand" if structural else f"--hand {side}"
         remedy = misfit or f"{way}, {other} if it is the {side} hand"
         raise TrajectoryError(f"named a {hand} hand, but its fingers bend as a {side} one's: {remedy}")
     bent = f"fingers bend backwards by {back:.0f}° on average" if back > np.degrees(LEAST_BEND) else ""
-    if bent or _looks_as(points) not in ("", hand):
+    if bent or seen.looks_as not in ("", hand):
         wrong = bent or "thumb is behind its palm"
         findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
     return hand
@@ -275,7 +276,7 @@ def _known_side(
 
 def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
     """Return joint centres in a right-handed world: in Unity's, y up, z points the other way."""
-    seen = _looks_as(points)
+    seen = _palmar_side(points).looks_as
     if not hand or seen == hand:
         return points
     if not seen:
@@ -287,34 +288,30 @@ def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fi
     return np.asarray(points * UNITY)
 
 
-def _bends_as(points: FloatArray) -> HandSide:
-    """Return the side of joints (T, 21, 3) in a right-handed world by the bend of the fingers; "" if too straight."""
-    bend = {side: _bend(points, side) for side in SIDES}
-    side = max(SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= LEAST_BEND else ""
+class _Palmar(NamedTuple):
+    """What fingers and thumb tell of the palmar side, joints taken for those of each hand in a right-handed world."""
+
+    bend: dict[HandSide, float]  # mean flexion of the joints of index to little finger [rad]
+    above: dict[HandSide, float]  # mean height of the thumb above the back of the hand [palm lengths], palmar negative
+    bends_as: HandSide  # side by the bend of the fingers; "" if they are too straight
+    looks_as: HandSide  # side by the bend, else by the thumb; "" if neither tells it
 
 
-def _looks_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand by the bend of its fingers, else by its thumb; "" if neither tells it."""
-    above = _thumb_above(points)
-    return _bends_as(points) or next((side for side in SIDES if above[side] <= -THUMB_HEIGHT), "")
-
-
-def _bend(points: FloatArray, side: HandSide) -> float:
-    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
-    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
-    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
-    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
-    return _mean(finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)[0][:, 1:])
-
-
-def _thumb_above(points: FloatArray) -> dict[HandSide, float]:
-    """Compute the thumb's mean height above the back of a hand of each side [palm lengths]; palmar is negative."""
-    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], "right")
-    from_wrist = in_palm(points - points[:, :1], orientation)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        above = _mean(from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2))
-    return {"right": above, "left": -above}
+def _palmar_side(points: FloatArray) -> _Palmar:
+    bend: dict[HandSide, float] = {}
+    above: dict[HandSide, float] = {}
+    for side in SIDES:
+        palm = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
+        own = in_palm(points - points[:, :1], palm)
+        fingers = own[:, 5:].reshape(-1, 4, 4, 3)
+        # The index finger stands for the thumb, which does not count.
+        bones = np.diff(np.concatenate([fingers[:, :1], fingers], axis=1), axis=2)
+        bend[side] = _mean(finger_angles(bones, side)[0][:, 1:])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            above[side] = _mean(own[:, 2:5, 2] / np.linalg.norm(own[:, 9:10], axis=2))
+    most = max(SIDES, key=bend.__getitem__)
+    bends_as: HandSide = most if bend[most] >= LEAST_BEND else ""
+    return _Palmar(bend, above, bends_as, bends_as or next((s for s in SIDES if above[s] <= -THUMB_HEIGHT), ""))
 
 
 def _mean(values: FloatArray) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec import structs
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError
 from hhsim.motion.csv_file import (
     COLUMNS,
     CSV_SUFFIX,
@@ -26,9 +26,6 @@ from hhsim.recordings.object_poses import placed, poses_in, table_arrays
 from hhsim.recordings.recording import MOTION, SIDES, Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import RecordingFormat
 
-UNKNOWN = ("", "none", "nan")
-"""Words for the hand of a file that does not tell it."""
-
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
@@ -37,12 +34,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     columns = columns_of(options)
     if columns is None:
         recording = _own(read_table(content.text), content.name, options)
-        if recording.hand in SIDES:
-            # The side that a remark names is part of the format.
-            content.stated.hide("side")
-        elif recording.hand.lower() not in UNKNOWN and not (options.hand or content.stated.seen("side")):
-            raise TrajectoryError(f"hand is '{recording.hand}'; expected right, left, or nothing: say --hand")
-        return recording if recording.hand in SIDES else recording.changed(hand="")
+        if recording.hand not in SIDES:
+            return recording.changed(hand="")
+        # The side that a remark names is part of the format.
+        content.stated.hide("side")
+        return recording
     table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
     return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
 

@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import MOST_BYTES, Content, ReadOptions
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, chosen_side, note, unused
+from hhsim.recordings.recording import MOST_SAMPLES, chosen_side, note, unused
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
@@ -73,6 +72,12 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
     if len(shown) < total:
         findings.append(note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples"))
+    if all(len(stamps) == 3 for stamps, _ in shown):
+        given = np.array([stamps[1] for stamps, _ in shown], dtype=np.int64)
+        findings.append(note("stamps: when the sample was taken, host's clock"))
+    else:
+        given = np.array([stamps[-1] for stamps, _ in shown], dtype=np.int64)
+        findings.append(note("stamps: when the messages were logged; the records have no others"))
     joints = np.array([joints for _, joints in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     with np.errstate(invalid="ignore"):
@@ -81,7 +86,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
     return JointPositions(
         position=position,
         what=f"{len(OPENXR_JOINTS)} OpenXR joints of the {side} hand",
-        time=_stamps([stamps for stamps, _ in shown], findings),
+        time=(given - given[0]) * NANOSECOND,
         time_unit="s",
         hand=side,
         unit=1.0,
@@ -98,17 +103,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 def _side(topic: str) -> HandSide:
     words = re.findall("[a-z]+", topic.lower())
     return "right" if "right" in words else "left" if "left" in words else ""
-
-
-def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArray:
-    """Return the time of each sample after the first [s]."""
-    if all(len(each) == 3 for each in stamps):
-        given = np.array(stamps, dtype=np.int64)[:, 1]
-        findings.append(note("stamps: when the sample was taken, host's clock"))
-    else:
-        given = np.array([each[-1] for each in stamps], dtype=np.int64)
-        findings.append(note("stamps: when the messages were logged; the records have no others"))
-    return np.asarray((given - given[0]) * NANOSECOND)
 
 
 def _read_messages(data: bytes) -> Messages:
