@@ -14,10 +14,9 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
-from hhsim.motion.csv_table import Table, read_header, read_remarks, read_table
+from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
-from hhsim.motion.text_edit import NewColumn, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json

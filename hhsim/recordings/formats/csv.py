@@ -15,8 +15,7 @@ from hhsim.motion.csv_file import (
     csv_fields,
     format_csv,
 )
-from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.text_edit import NewColumn
+from hhsim.motion.csv_table import NewColumn, Table, read_table
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import ColumnMap, mapped, stamp_columns
 from hhsim.recordings.content import Content, ReadOptions
@@ -39,7 +38,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         # The side that a remark names is part of the format.
         content.stated.hide("side")
         return recording
-    table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
+    table = read_table(content.text)
     return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
 
 
