@@ -2,8 +2,8 @@
 
 Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. Where the
 delimiter is no comma, numbers may have a decimal comma, as a German Excel writes them. A strict reader refuses a line
-or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so. Numbers are replaced in
-a table's text: whatever is not replaced stays as it is, sign for sign.
+or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so. `edited` replaces
+numbers in a text; whatever is not replaced stays as it is, sign for sign.
 """
 
 import csv

@@ -150,13 +150,10 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         if name.joint and name.side in joint_columns(names) and name.side != side
     }
     findings += unused(dict.fromkeys(table.header), used | moved | stamped | others | whole.keys())
-    places = [(joint, axis) for joint in KEYPOINTS for axis in "xyz"]
-    held = dict(zip(places, cells(*(joints[joint][axis] for joint, axis in places)).T))
+    measured = [column for j in KEYPOINTS for part, column in joints[j].items() if part in ("x", "y", "z", "radius")]
+    held = dict(zip(measured, cells(*measured).T))
     parts = {
-        joint: {
-            part: held[joint, part] if part in "xyz" else cells(column)[:, 0] if part == "radius" else stated(column)
-            for part, column in joints[joint].items()
-        }
+        joint: {part: held[column] if column in held else stated(column) for part, column in joints[joint].items()}
         for joint in KEYPOINTS
     }
     fields = named_joints(parts, [(kind, stated(column)) for column, kind in whole.items()], len(table.rows))
