@@ -200,16 +200,13 @@ class Content:
             raise TrajectoryError("no text; expected a recording of another format")
         return text
 
-    @cached_property
-    def exact_text(self) -> str:
-        """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
+    def edited(self, table: Table, rows: IntArray, columns: Mapping[str, NewColumn]) -> bytes:
+        """Return the bytes of its table with new values of some columns in some rows; TrajectoryError for UTF-16."""
         if self.data.startswith(UTF_16):
             raise TrajectoryError("text of UTF-16, which is read and not written; expected UTF-8 to correct it")
-        return self.data.decode("utf-8", "surrogateescape")
-
-    def edited(self, table: Table, rows: IntArray, columns: Mapping[str, NewColumn]) -> bytes:
-        """Return the bytes of its table with new values of some columns in some rows; errors as of `exact_text`."""
-        return edited(self.exact_text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
+        # Every byte survives, that of no letter too.
+        text = self.data.decode("utf-8", "surrogateescape")
+        return edited(text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
 
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""

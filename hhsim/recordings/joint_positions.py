@@ -77,7 +77,6 @@ class JointPositions:
     findings: Sequence[Finding] = ()
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
-    checksums_hold: bool = False  # True if checksums prove every number
 
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
@@ -177,7 +176,6 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
         form=form,
         name=content.name,
         device=joints.device,
-        checksums="held" if joints.checksums_hold else "",
         hand=side,
         hand_length=bones.hand_length,
         bones=bones,

@@ -108,7 +108,7 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     fields, used = beside_points(arrays, count, row_names(_points(arrays[key]), content, options)[0])
     used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
     findings = [*joints.findings, *unused(arrays, used)]
-    return replace(joints, **fields, object_poses=poses, findings=findings, checksums_hold=True)
+    return replace(joints, **fields, object_poses=poses, findings=findings)
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:

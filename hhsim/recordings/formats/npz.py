@@ -87,7 +87,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         flexion=numbers(arrays, "flex", count, 5, 3),
         abduction=numbers(arrays, "abd", count, 5),
         form="npz",
-        checksums="held",
         name=content.name,
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
