@@ -158,11 +158,8 @@ def stamp_columns(table: Table, column: TimeColumn) -> StampColumns:
     return found if found is not None and whole else StampColumns(column.column, unit)
 
 
-def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """Make the recording of a table by its mapping; `name` is its name, `form` that of its format.
-
-    Raises TrajectoryError for a column without numbers, InputError for one that the table has not.
-    """
+def mapped(table: Table, columns: ColumnMap) -> Recording:
+    """Make the recording of a table; TrajectoryError for a column without numbers, InputError for a missing one."""
     count = len(table.rows)
     findings: list[Finding] = [note(text) for text in table.notes]
     broken = 0
@@ -218,8 +215,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         flexion=angles[:, :15].reshape(count, 5, 3),
         abduction=angles[:, 15:],
         stated=columns.stated,
-        form=form,
-        name=name,
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,

@@ -96,7 +96,7 @@ class JointPositions:
             object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
-def recording_of_joints(joints: JointPositions, form: str, content: Content, options: ReadOptions) -> Recording:
+def recording_of_joints(joints: JointPositions, content: Content, options: ReadOptions) -> Recording:
     """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up, else `content` may.
 
     Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or not of
@@ -173,8 +173,6 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
         abduction=posture.abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
         scaled=True,
-        form=form,
-        name=content.name,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,

@@ -101,7 +101,8 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
     found = form.read(content, options)
-    return recording_of_joints(found, form.name, content, options) if isinstance(found, JointPositions) else found
+    recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
+    return recording.changed(form=recording.form or form.name, name=recording.name or content.name)
 
 
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:

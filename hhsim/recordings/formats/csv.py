@@ -32,14 +32,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = columns_of(options)
     if columns is None:
-        recording = _own(read_table(content.text), content.name, options)
+        recording = _own(read_table(content.text), options)
         if recording.hand not in SIDES:
             return recording.changed(hand="")
         # The side that a remark names is part of the format.
         content.stated.hide("side")
         return recording
     table = read_table(content.text)
-    return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
+    return with_columns(mapped(table, columns), table, columns, options)
 
 
 def with_columns(recording: Recording, table: Table, columns: ColumnMap, options: ReadOptions) -> Recording:
@@ -75,7 +75,7 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
     return format_csv(Trajectory(time=motion.time, **motion.configuration._asdict(), hand=motion.side)).encode()
 
 
-def _own(table: Table, name: str, options: ReadOptions) -> Recording:
+def _own(table: Table, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
     fields, broken = csv_fields(table)
     findings = [note(text) for text in table.notes] + unreadable(broken)
@@ -96,7 +96,7 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
         fields |= {"object_position": place[0], "object_orientation": turn[0]}
     findings += unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
     fields["file_frame"] = FileFrame.of(up, options.mirror)
-    return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
+    return Recording(**fields, form="hhsim csv", findings=tuple(findings))
 
 
 FORMAT = RecordingFormat(

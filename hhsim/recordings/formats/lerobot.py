@@ -45,7 +45,7 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     content.stated = StatedFields({name: cells.to_pylist() for name, cells in columns.items() if kind_of(name)})
     if (mapping := columns_of(options)) is not None:
         table = _table(columns, rows, info)
-        recording = mapped(table, mapping, content.name, "lerobot").found(*findings).changed(rows=rows)
+        recording = mapped(table, mapping).found(*findings).changed(rows=rows)
         return with_columns(recording, table, mapping, options)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))

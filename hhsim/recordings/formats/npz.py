@@ -86,8 +86,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         orientation=orientation,
         flexion=numbers(arrays, "flex", count, 5, 3),
         abduction=numbers(arrays, "abd", count, 5),
-        form="npz",
-        name=content.name,
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
