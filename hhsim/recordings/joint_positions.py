@@ -15,7 +15,6 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
@@ -24,6 +23,7 @@ from hhsim.recordings.content import Content, ReadOptions, stated_hand
 from hhsim.recordings.finger_ik import (
     finger_angles,
     finger_axes,
+    finger_joints,
     fitted_angles,
     median_bones,
     palm_from_knuckles,
@@ -145,12 +145,9 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         flexion, abduction = fitted_angles(joints_in_palm, base, length, finger_axes(side), side)
     if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
-    posture = HandConfiguration(origin, palm, flexion, abduction)
+    fitted = finger_joints(base, length, flexion, abduction, finger_axes(side))
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
-    bones = recorded_bones(fingers, wrist, posture, side, radii)
-    if radii is not None:
-        long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
-        findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
+    bones = recorded_bones(joints_in_palm, fitted, np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1), side, radii)
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"
@@ -158,19 +155,19 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     if up is None:
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
-        lost = np.isnan(posture.orientation).any(axis=1, keepdims=True)
+        lost = np.isnan(palm).any(axis=1, keepdims=True)
         position, orientation = (np.where(lost, np.nan, still) for still in ([0.0] * 3, [1.0, 0.0, 0.0, 0.0]))
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
-        position, orientation = to_our_world(posture.position, posture.orientation, up)
+        position, orientation = to_our_world(origin, palm, up)
         frame = frame._replace(turn=world_matrix(up))
     findings += [note(text)] if joints.palm is None else []
     recording = Recording(
         time=time,
         position=position,
         orientation=orientation,
-        flexion=posture.flexion,
-        abduction=posture.abduction,
+        flexion=flexion,
+        abduction=abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
         scaled=True,
         device=joints.device,
