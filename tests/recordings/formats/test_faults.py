@@ -2,7 +2,6 @@
 
 import io
 import json
-import pickle
 import struct
 import zipfile
 from collections.abc import Callable
@@ -283,15 +282,6 @@ def test_a_flipped_bit_is_told_where_checksums_are(tmp_path: Path) -> None:
         place = data.index(struct.pack("<f", POINTS[9, 5, 0].astype(np.float32)))
         with pytest.raises(TrajectoryError, match=f"crc validation failed in {part}"):
             read_as("mcap", flipped(data, place))
-
-
-@pytest.mark.parametrize("protocol", [2, 4, 5])
-def test_a_pickle_that_is_more_than_data_runs_nothing(protocol: int, tmp_path: Path, capsys: Any) -> None:
-    path = tmp_path / "take.pkl"
-    path.write_bytes(pickle.dumps({"joints": POINTS, "t": TIME, "more": Planted()}, protocol))
-    with pytest.raises(TrajectoryError, match=r"take\.pkl: holds .*, which is not data"):
-        read_recording(path)
-    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(
