@@ -26,7 +26,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
     end: Stamp | None = option("Keep samples up to this stamp [s].", "S", "--to")
     max_gap: Annotated[float, Number(0.001, 1e7)] = option("Longest hole that is interpolated [s].", "S", default=1.0)
     hand_length: HandLength | None = option(
-        "Length of the recorded hand, wrist crease to middle fingertip [mm]. Default: from its bones, else 190.", "MM"
+        "Length of a recorded hand without scale, wrist crease to middle fingertip [mm]. Default: 190.", "MM"
     )
     other_hand: bool = option("Make a right hand's motion of a left hand's, or the other way round.")
     hand_file: Path | None = option(
@@ -49,7 +49,6 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
             time_unit=file.time_unit,
             length_unit=None if recording.scaled else file.length_unit,
             angle_unit=file.angle_unit,
-            hand_length=metres(self.hand_length),
             **limits,
         )
 
@@ -125,7 +124,7 @@ def command(
     if fit_hand is not None:
         write_atomically(fit_hand, hand_text.encode())
     document = import_document(recording, cleaned)
-    motion, length = cleaned.trajectory, cleaned.hand_length
+    motion, length = cleaned.trajectory, recording.hand_length
     side = f"{motion.hand} hand" if motion.hand else "hand of a side that the file does not tell"
     long = f" of {1e3 * length:.0f} mm" if length is not None else ""
     title = f"{file.name}, {recording.form}: {side}{long}"

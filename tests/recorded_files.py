@@ -388,7 +388,7 @@ CASES: dict[str, Case] = {
             )
         },
         {"hand": "right", "palm_axes": ("-y", "x", "z")},
-        {"time_unit": "ms", "length_unit": "mm", "angle_unit": "deg", "other_hand": True, "hand_length": 0.19},
+        {"time_unit": "ms", "length_unit": "mm", "angle_unit": "deg", "other_hand": True},
     ),
     "openxr": Case({"a.csv": openxr_csv(SAMPLE)}),
     "openxr, Unity, left": Case({"a.csv": openxr_csv(LEFT, "left", unity=True, radii=False)}),
@@ -497,7 +497,7 @@ def imported(case: Case, folder: Path) -> dict[str, Any]:
     said = [f"{each.kind}, {each.samples}, {each.first_time}: {each.text}" for each in cleaned.findings]
     facts = (recording.form, motion.name, motion.hand, motion.device, motion.source, motion.checksums)
     found["said"] = "\n".join([repr(facts), *said])
-    found["hand_length"] = np.nan if cleaned.hand_length is None else cleaned.hand_length
+    found["hand_length"] = np.nan if recording.hand_length is None else recording.hand_length
     has_place = recording.joints is not None or recording.bones is None
     if case.writes and has_place and recording.is_written_back and "columns" not in case.options:
         correction = a_correction(recording, changed=slice(3, 6), palm=recording.bones is not None)

@@ -247,9 +247,10 @@ class HandModel:
         return cls.of_text(text, str(path), side)
 
     @classmethod
+    @lru_cache(maxsize=4)
     def of_text(cls, text: str, where: str, side: Side = "right") -> "HandModel":
         """Return the hand of the text of a TOML file, named `where` in messages; errors as of `from_toml`."""
-        return _of_text(text, where, side)
+        return _model(parse_settings(text, HandTable, where), side, where)
 
     @property
     def abduction_sign(self) -> float:
@@ -344,11 +345,6 @@ def default_fingers(hand_length: float, hand_breadth: float) -> dict[str, FloatA
         "abduction_min": abduction[:, 0],
         "abduction_max": abduction[:, 1],
     }
-
-
-@lru_cache(maxsize=4)
-def _of_text(text: str, where: str, side: Side) -> HandModel:
-    return _model(parse_settings(text, HandTable, where), side, where)
 
 
 def _model(sizes: HandTable, side: Side, where: str) -> HandModel:

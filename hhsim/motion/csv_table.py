@@ -2,7 +2,8 @@
 
 Delimiters are commas, semicolons, tabs or blanks; lines that begin with # before the header are remarks. Where the
 delimiter is no comma, numbers may have a decimal comma, as a German Excel writes them. A strict reader refuses a line
-or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so.
+or a cell that it cannot read; a lenient one leaves the line out or the cell missing, and says so. `edited` replaces
+numbers in a text; whatever is not replaced stays as it is, sign for sign.
 """
 
 import csv
@@ -12,6 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +33,8 @@ MOST_BROKEN = 0.25
 """Largest share of lines, or of a column's cells, that may be unreadable."""
 MOST_LINES = 10_000_000
 """Largest number of lines: three hours at 1 kHz."""
+MOST_DECIMALS = 17
+"""Largest number of decimals of a number that is written in the place of another."""
 
 
 @dataclass(frozen=True)
@@ -74,22 +78,15 @@ class Table:
         return [cells[index].strip() for cells in self.rows]
 
 
-def read_table(
-    text: str,
-    *,
-    delimiter: str | None = None,
-    decimal: str | None = None,
-    names: Sequence[str] | None = None,
-    strict: bool = False,
-) -> Table:
+def read_table(text: str, *, names: Sequence[str] | None = None, strict: bool = False) -> Table:
     """Read a table; `names` are the columns of one without a header line.
 
-    A delimiter of None is detected in the header, a decimal sign of None in the numbers; `strict` refuses every line
-    with more or fewer cells than the header.
+    The delimiter is detected in the header, the decimal sign in the numbers; `strict` refuses every line with more or
+    fewer cells than the header.
     Raises TrajectoryError for no header, no line below it, two columns of one name, or many lines of another length.
     """
     lines = text.splitlines()
-    remarks, first, sign, header = _header(lines, delimiter)
+    remarks, first, sign, header = _header(lines)
     if len(lines) > MOST_LINES:
         raise TrajectoryError(f"{len(lines):,} lines; expected at most {MOST_LINES:,}")
     below = first + 1
@@ -124,10 +121,10 @@ def read_table(
     if broken:
         left = counted(len(broken), "line")
         notes.append(f"{left} with another number of cells than the header left out, first line {next(iter(broken))}")
-    if decimal is None and sign != "," and _has_decimal_commas(rows.values()):
+    decimal = "," if sign != "," and _has_decimal_commas(rows.values()) else "."
+    if decimal == ",":
         notes.append("decimal commas, which part no cells here: read as decimal points")
-        decimal = ","
-    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal or ".", strict, tuple(notes), sign)
+    return Table(header, tuple(rows.values()), tuple(rows), remarks, decimal, strict, tuple(notes), sign)
 
 
 def _has_decimal_commas(rows: Collection[Sequence[str]]) -> bool:
@@ -150,12 +147,12 @@ def format_table(remarks: Mapping[str, str], header: Sequence[str], rows: Iterab
 
 def read_header(text: str) -> tuple[str, ...]:
     """Return the names of a table's columns; raise TrajectoryError if there is no header."""
-    return _header(text.splitlines(), None)[3]
+    return _header(text.splitlines())[3]
 
 
 def read_remarks(text: str) -> dict[str, str]:
     """Return the `# key: value` lines before a table's header; raise TrajectoryError if there is no header."""
-    return _header(text.splitlines(), None)[0]
+    return _header(text.splitlines())[0]
 
 
 def lacks_names(header: Sequence[str]) -> bool:
@@ -167,7 +164,7 @@ def _all_numbers(cells: Iterable[str]) -> bool:
     return all(_number(cell, ",") is not None for cell in cells)
 
 
-def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
+def _header(lines: Sequence[str]) -> tuple[dict[str, str], int, str, tuple[str, ...]]:
     """Return the remarks, the index of the header line, its delimiter, and the names in it."""
     remarks = {}
     for index, line in enumerate(lines):
@@ -179,7 +176,7 @@ def _header(lines: Sequence[str], delimiter: str | None) -> tuple[dict[str, str]
             # Of numbers with decimal commas the commas are more than the delimiters.
             bare = (sign for sign in DELIMITERS[1:] if sign in line and _all_numbers(line.split(sign)))
             sign = next(bare, max(DELIMITERS, key=line.count))
-            sign = delimiter or (sign if sign in line else " ")
+            sign = sign if sign in line else " "
             return remarks, index, sign, tuple(cell.strip() for cell in _cells(line, sign))
     raise TrajectoryError("no header line; expected the names of the columns")
 
@@ -204,3 +201,55 @@ def _number(cell: str, decimal: str) -> float | None:
     except ValueError:
         return math.nan if word.lower() in MISSING else None
     return value if math.isfinite(value) else math.nan
+
+
+class NewColumn(NamedTuple):
+    """New values of a table's column, NaN where it stays, shape (N,), and the least number of their decimals."""
+
+    values: FloatArray
+    decimals: int
+
+
+def edited(text: str, table: Table, rows: Sequence[int], columns: Mapping[str, NewColumn]) -> str:
+    """Return a table's text with new values of some columns in some of its rows.
+
+    Each has as many decimals as the number had, or more if its column says so; one of the same value stays as written.
+    """
+    lines = text.splitlines(keepends=True)
+    cells = sorted((table.header.index(column), new) for column, new in columns.items())
+    for k, row in enumerate(rows):
+        number = table.lines[row] - 1
+        line = lines[number]
+        spans = _cell_spans(line.splitlines()[0], table.delimiter)
+        # From the last cell on, so that the places of those before stay.
+        for place, new in reversed(cells):
+            first, last = spans[place]
+            cell = _new_number(line[first:last], float(new.values[k]), new.decimals, table.decimal)
+            line = line[:first] + cell + line[last:]
+        lines[number] = line
+    return "".join(lines)
+
+
+def _new_number(given: str, value: float, decimals: int, decimal: str) -> str:
+    old = given.replace(decimal, ".")
+    try:
+        if float(old) == value or value != value:
+            return given
+    except ValueError:
+        return given
+    digits, _, exponent = old.lower().partition("e")
+    had = len(digits.partition(".")[2]) - int(exponent or 0)
+    return f"{value:.{min(max(decimals, had), MOST_DECIMALS)}f}".replace(".", decimal)
+
+
+def _cell_spans(line: str, delimiter: str) -> list[tuple[int, int]]:
+    """Return the places of the cells, without blanks and quotation marks around them."""
+    if delimiter == " ":
+        return [found.span() for found in re.finditer(r"\S+", line)]
+    sign = re.escape(delimiter)
+    spans = []
+    for found in re.finditer(rf'(?:^|(?<={sign}))(?:"(?:[^"]|"")*"[^{sign}]*|[^{sign}]*)', line):
+        bare = found[0].strip(' \t"\ufeff')
+        first = found.start() + (found[0].index(bare) if bare else 0)
+        spans.append((first, first + len(bare)))
+    return spans

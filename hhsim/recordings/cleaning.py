@@ -76,7 +76,6 @@ class CleaningOptions:
     limits: HandModel | None = field(default_factory=HandModel.default)
     # Make a right hand's motion of a left hand's, or the other way round: mirrored in the world's yz-plane.
     other_hand: bool = False
-    hand_length: float | None = None  # length of the recorded hand [m]; None if the recording says it or it is unknown
 
 
 class CleanedRecording(NamedTuple):
@@ -84,8 +83,6 @@ class CleanedRecording(NamedTuple):
 
     trajectory: Trajectory  # cleaned motion, with flags
     findings: tuple[Finding, ...]  # findings in the order of the steps
-    hand_length: float | None  # length of the recorded hand [m]; None if unknown
-    given: Recording  # recording in our units, before its samples were cleaned
 
     @property
     def mended(self) -> int:
@@ -108,15 +105,13 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     recording = recording.chosen(np.arange(recording.sample_count))
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
     (recording,) = near_origin(clean_units(recording))
-    given = _cut(recording, options.start, options.end)
-    recording = clean_glitches(_unit_quaternions(_clean_stamps(given, options.max_gap)))
+    recording = _clean_stamps(_cut(recording, options.start, options.end), options.max_gap)
+    recording = clean_glitches(_unit_quaternions(recording))
     recording = _filled(recording, options.max_gap)
     steady = continuous_orientation(recording.orientation, recording.time)
     flipped = (steady * recording.orientation).sum(axis=1) < 0.0
     text = "quaternions of the other sign than the one before: turned, the rotation is the same"
     recording = recording.changed(orientation=steady).flagged(flipped, SampleFlag.FLIPPED, text)
-    if options.hand_length is not None:
-        recording = recording.changed(hand_length=options.hand_length)
     if options.other_hand:
         other = OTHER[recording.hand]
         position, orientation = mirrored(recording.position, recording.orientation, axis_flip("x"))
@@ -132,7 +127,7 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     )
     held = {each.name: getattr(recording, each.name) for each in fields(Trajectory)}
     motion = Trajectory(**{key: value for key, value in held.items() if value is not None} | {"phases": phases})
-    return CleanedRecording(motion, recording.findings, recording.hand_length, given)
+    return CleanedRecording(motion, recording.findings)
 
 
 def _cut(recording: Recording, start: float | None, end: float | None) -> Recording:
@@ -341,7 +336,7 @@ def import_document(recording: Recording, cleaned: CleanedRecording) -> dict[str
         "mean_rate": motion.mean_rate,
         "longest_step": float(np.diff(motion.time).max(initial=0.0)),
         "hand": motion.hand,
-        "hand_length": cleaned.hand_length,
+        "hand_length": recording.hand_length,
         "mended": cleaned.mended,
         "flags": {flag.word: count for flag, count in counts.items()},
         "checksums": motion.checksums,

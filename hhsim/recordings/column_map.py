@@ -28,7 +28,6 @@ JOINT_NAMES = (*FLEXION_COLUMNS, *ABDUCTION_COLUMNS)
 Joint = Annotated[str, one_of(JOINT_NAMES)]
 Angle = Literal["rad", "deg"]
 Name = Annotated[str, Meta(min_length=1)]
-Character = Annotated[str, Meta(min_length=1, max_length=1, description="one character")]
 Factor = Annotated[float, between(-1e6, 1e6)]
 Offset = Annotated[float, between(-1.0, 1.0)]
 NO_PLACE = "no columns of the palm's place: it stays at the origin; hhsim replay --place-object auto moves the object"
@@ -97,15 +96,10 @@ class AngleUnit(Settings, frozen=True):
 class ColumnMap(Settings, frozen=True, kw_only=True, rename={"joints": "joint"}):
     """Checked mapping of columns; the fields are the keys that docs/recordings.md explains."""
 
-    name: Name = ""
-    source: Name = ""
-    licence: Name = ""
     device: Name = ""
     hand: Literal["right", "left"] | None = None
     hand_length: Annotated[float, between(0.05, 0.4, "m")] | None = None
     rate: Annotated[float, between(0.1, 1e5, "Hz")] | None = None
-    delimiter: Character | None = None
-    decimal: Character | None = None
     world_up: str = "z"
     mirror: Literal["x", "y", "z"] | None = None
     palm_axes: tuple[str, ...] = OURS
@@ -164,11 +158,8 @@ def stamp_columns(table: Table, column: TimeColumn) -> StampColumns:
     return found if found is not None and whole else StampColumns(column.column, unit)
 
 
-def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
-    """Make the recording of a table by its mapping; `name` is its name if the mapping has none, `form` its format's.
-
-    Raises TrajectoryError for a column without numbers, InputError for one that the table has not.
-    """
+def mapped(table: Table, columns: ColumnMap) -> Recording:
+    """Make the recording of a table; TrajectoryError for a column without numbers, InputError for a missing one."""
     count = len(table.rows)
     findings: list[Finding] = [note(text) for text in table.notes]
     broken = 0
@@ -224,10 +215,6 @@ def mapped(table: Table, columns: ColumnMap, name: str, form: str) -> Recording:
         flexion=angles[:, :15].reshape(count, 5, 3),
         abduction=angles[:, 15:],
         stated=columns.stated,
-        form=form,
-        name=columns.name or name,
-        source=columns.source,
-        licence=columns.licence,
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,

@@ -14,10 +14,9 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
-from hhsim.motion.csv_table import Table, read_header, read_remarks, read_table
+from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
-from hhsim.motion.text_edit import NewColumn, edited
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
@@ -201,16 +200,13 @@ class Content:
             raise TrajectoryError("no text; expected a recording of another format")
         return text
 
-    @cached_property
-    def exact_text(self) -> str:
-        """Its text with every byte, in lines as those of `text`; TrajectoryError if it cannot be written back."""
+    def edited(self, table: Table, rows: IntArray, columns: Mapping[str, NewColumn]) -> bytes:
+        """Return the bytes of its table with new values of some columns in some rows; TrajectoryError for UTF-16."""
         if self.data.startswith(UTF_16):
             raise TrajectoryError("text of UTF-16, which is read and not written; expected UTF-8 to correct it")
-        return self.data.decode("utf-8", "surrogateescape")
-
-    def edited(self, table: Table, rows: IntArray, columns: Mapping[str, NewColumn]) -> bytes:
-        """Return the bytes of its table with new values of some columns in some rows; errors as of `exact_text`."""
-        return edited(self.exact_text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
+        # Every byte survives, that of no letter too.
+        text = self.data.decode("utf-8", "surrogateescape")
+        return edited(text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
 
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""

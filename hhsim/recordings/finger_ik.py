@@ -19,13 +19,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, MIRROR, PALM_CENTER, default_fingers
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.kernels.hand.tracked_hand import EXACT, LEAST, STRAIGHT
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.frames import in_palm, quaternions_of, turned
+from hhsim.recordings.frames import quaternions_of, turned
 
 
 def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray]:
@@ -168,19 +167,17 @@ class RecordedBones:
 
 
 def recorded_bones(
-    joints: FloatArray, wrist: FloatArray, posture: HandConfiguration, hand: HandSide, radius: FloatArray | None = None
+    joints: FloatArray, fitted: FloatArray, palm: FloatArray, hand: HandSide, radius: FloatArray | None
 ) -> RecordedBones:
-    """Compute the bones of recorded fingers, and the distance of a hand of these bones from them in a posture.
+    """Compute the bones of recorded fingers, and the distance of a fitted hand from them.
 
-    `joints` are first to last joint and tip of each finger [m], world, shape (T, 5, 4, 3), NaN where missing; `wrist`
-    has shape (T, 3), the radii (T, 5, 4). Without radii the tips are points of the skin.
+    `joints` are first to last joint and tip of each finger [m], palm frame, shape (T, 5, 4, 3), NaN where missing, and
+    `fitted` those of the hand; `palm` are the distances of the middle knuckle from the wrist [m], shape (T,), the radii
+    have shape (T, 5, 4). Without radii the tips are points of the skin.
     """
-    at = in_palm(joints - posture.position[:, None, None], posture.orientation)
-    base, length = median_bones(at)
-    ours = finger_joints(base, length, posture.flexion, posture.abduction, finger_axes(hand))
-    rms, largest = fit_error(at, ours)
+    base, length = median_bones(joints)
+    rms, largest = fit_error(joints, fitted)
     usual = None if radius is None else _finite(np.median, radius)
-    palm = np.linalg.norm(joints[:, 2, 0] - wrist, axis=1)
     tip = 0.0 if usual is None else float(usual[2, 3])
     return RecordedBones(
         hand=hand,

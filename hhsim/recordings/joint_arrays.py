@@ -150,13 +150,10 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         if name.joint and name.side in joint_columns(names) and name.side != side
     }
     findings += unused(dict.fromkeys(table.header), used | moved | stamped | others | whole.keys())
-    places = [(joint, axis) for joint in KEYPOINTS for axis in "xyz"]
-    held = dict(zip(places, cells(*(joints[joint][axis] for joint, axis in places)).T))
+    measured = [column for j in KEYPOINTS for part, column in joints[j].items() if part in ("x", "y", "z", "radius")]
+    held = dict(zip(measured, cells(*measured).T))
     parts = {
-        joint: {
-            part: held[joint, part] if part in "xyz" else cells(column)[:, 0] if part == "radius" else stated(column)
-            for part, column in joints[joint].items()
-        }
+        joint: {part: held[column] if column in held else stated(column) for part, column in joints[joint].items()}
         for joint in KEYPOINTS
     }
     fields = named_joints(parts, [(kind, stated(column)) for column, kind in whole.items()], len(table.rows))
@@ -222,7 +219,11 @@ def joints_of_frames(
     rows: dict[HandSide, tuple[str, FloatArray]] = {}
     for key, values in arrays.items():
         if joints_in(values.shape[1:]) and meanings[key].side not in hands:
-            rows.setdefault(meanings[key].side, (key[1], points_of(values)))
+            if values.ndim == 2:
+                values = values.reshape(count, -1, 3 if values.shape[1] % 16 else 16)
+            points = place_in(values)
+            assert points is not None
+            rows.setdefault(meanings[key].side, (key[1], points))
     places = {side: points.reshape(count, -1) for side, (_, points) in rows.items()}
     for side, joints in hands.items():
         given = [parts[axis].reshape(count, -1) for parts in joints.values() for axis in ("", "x") if axis in parts]
@@ -230,7 +231,8 @@ def joints_of_frames(
     seen = {side: np.asarray(np.isfinite(values).any(axis=1)) for side, values in places.items()}
     side, shown, findings = frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
     poses = poses_in(held | {name: values for _, name, values in leaves(dict(beside))}, count, options)
-    stamps = time_column(name for name, values in held.items() if values.ndim == 1 and _may_be_stamp(name))
+    single = (name for name, values in held.items() if values.ndim == 1 and not joint_name(name).joint)
+    stamps = time_column(name for name in single if "." not in name or name.partition(".")[0] in STAMPED)
     hand = {key[1] for key in arrays if meanings[key].joint or joints_in(arrays[key].shape[1:])}
     whole = [(key, said) for key in arrays if (said := _statement(key[1], arrays[key], hand))]
     stated = [(said.part, arrays[key]) for key, said in whole if {said.side, key[0]} <= {"", side}]
@@ -263,25 +265,11 @@ def _is_place(values: FloatArray) -> bool:
     return values.shape in ((3,), (16,), (4, 4))
 
 
-def _may_be_stamp(name: str) -> bool:
-    above, _, last = name.partition(".")
-    return not joint_name(name).joint and (not last or above in STAMPED)
-
-
 def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName | None:
     """Return what a value says of a whole hand, whose values have these names, that it is beside; None for others."""
     above, _, last = name.rpartition(".")
     said = None if joint_name(name).joint or values.ndim != 1 else hand_statement(last)
     return said if said and any(each.startswith(above) for each in hand) else None
-
-
-def points_of(values: FloatArray) -> FloatArray:
-    """Return the points, shape (T, n, 3), of rows of points or of matrices."""
-    if values.ndim == 2:
-        values = values.reshape(len(values), -1, 3 if values.shape[1] % 16 else 16)
-    places = place_in(values)
-    assert places is not None
-    return places
 
 
 def beside_points(arrays: Mapping[str, Any], count: int, names: Sequence[str]) -> tuple[dict[str, Any], set[str]]:

@@ -9,13 +9,12 @@ world from Unity's left-handed one, in which a hand is the mirror of the other.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
@@ -24,6 +23,7 @@ from hhsim.recordings.content import Content, ReadOptions, stated_hand
 from hhsim.recordings.finger_ik import (
     finger_angles,
     finger_axes,
+    finger_joints,
     fitted_angles,
     median_bones,
     palm_from_knuckles,
@@ -77,7 +77,6 @@ class JointPositions:
     findings: Sequence[Finding] = ()
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
-    checksums_hold: bool = False  # True if checksums prove every number
 
     def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
         """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
@@ -97,7 +96,7 @@ class JointPositions:
             object.__setattr__(self, "radius", np.where(radius > 0.0, radius, np.nan))
 
 
-def recording_of_joints(joints: JointPositions, form: str, content: Content, options: ReadOptions) -> Recording:
+def recording_of_joints(joints: JointPositions, content: Content, options: ReadOptions) -> Recording:
     """Fit our hand to joint centres; `options` state hand, unit, rate and the axis that points up, else `content` may.
 
     Raises TrajectoryError for no stamps, no sample with wrist and knuckles, a hand of unknown side, or not of
@@ -146,12 +145,9 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
         flexion, abduction = fitted_angles(joints_in_palm, base, length, finger_axes(side), side)
     if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
-    posture = HandConfiguration(origin, palm, flexion, abduction)
+    fitted = finger_joints(base, length, flexion, abduction, finger_axes(side))
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
-    bones = recorded_bones(fingers, wrist, posture, side, radii)
-    if radii is not None:
-        long = f"with that of the middle one the hand is {1e3 * bones.hand_length:.0f} mm long"
-        findings.append(note(f"fingertips are balls of the recorded radii: {long}"))
+    bones = recorded_bones(joints_in_palm, fitted, np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1), side, radii)
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"
@@ -159,25 +155,22 @@ def recording_of_joints(joints: JointPositions, form: str, content: Content, opt
     if up is None:
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
-        lost = np.isnan(posture.orientation).any(axis=1, keepdims=True)
+        lost = np.isnan(palm).any(axis=1, keepdims=True)
         position, orientation = (np.where(lost, np.nan, still) for still in ([0.0] * 3, [1.0, 0.0, 0.0, 0.0]))
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
-        position, orientation = to_our_world(posture.position, posture.orientation, up)
+        position, orientation = to_our_world(origin, palm, up)
         frame = frame._replace(turn=world_matrix(up))
     findings += [note(text)] if joints.palm is None else []
     recording = Recording(
         time=time,
         position=position,
         orientation=orientation,
-        flexion=posture.flexion,
-        abduction=posture.abduction,
+        flexion=flexion,
+        abduction=abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
         scaled=True,
-        form=form,
-        name=content.name,
         device=joints.device,
-        checksums="held" if joints.checksums_hold else "",
         hand=side,
         hand_length=bones.hand_length,
         bones=bones,
@@ -250,7 +243,8 @@ def _known_side(
     points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str
 ) -> HandSide:
     """Return the side of the hand, as named or by the bend of its fingers; `structural` if --hand cannot replace it."""
-    side, above = _bends_as(points), _thumb_above(points)
+    seen = _palmar_side(points)
+    side = seen.bends_as
     if not hand:
         if not side:
             raise TrajectoryError("the file names no hand, and its fingers are too straight to tell: say --hand")
@@ -259,15 +253,15 @@ def _known_side(
             text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
         findings.append(note(f"{text}; else say --hand"))
         return side
-    back = -np.degrees(_bend(points, hand))
+    back = -np.degrees(seen.bend[hand])
     # A hand that is bent backwards has its thumb before the palm all the same.
-    if side == OTHER[hand] and above[hand] > -THUMB_HEIGHT:
+    if side == OTHER[hand] and seen.above[hand] > -THUMB_HEIGHT:
         way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
         other = "--mirror x --other-hand" if structural else f"--hand {side}"
         remedy = misfit or f"{way}, {other} if it is the {side} hand"
         raise TrajectoryError(f"named a {hand} hand, but its fingers bend as a {side} one's: {remedy}")
     bent = f"fingers bend backwards by {back:.0f}° on average" if back > np.degrees(LEAST_BEND) else ""
-    if bent or _looks_as(points) not in ("", hand):
+    if bent or seen.looks_as not in ("", hand):
         wrong = bent or "thumb is behind its palm"
         findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
     return hand
@@ -275,7 +269,7 @@ def _known_side(
 
 def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
     """Return joint centres in a right-handed world: in Unity's, y up, z points the other way."""
-    seen = _looks_as(points)
+    seen = _palmar_side(points).looks_as
     if not hand or seen == hand:
         return points
     if not seen:
@@ -287,34 +281,30 @@ def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fi
     return np.asarray(points * UNITY)
 
 
-def _bends_as(points: FloatArray) -> HandSide:
-    """Return the side of joints (T, 21, 3) in a right-handed world by the bend of the fingers; "" if too straight."""
-    bend = {side: _bend(points, side) for side in SIDES}
-    side = max(SIDES, key=lambda each: bend[each])
-    return side if bend[side] >= LEAST_BEND else ""
+class _Palmar(NamedTuple):
+    """What fingers and thumb tell of the palmar side, joints taken for those of each hand in a right-handed world."""
+
+    bend: dict[HandSide, float]  # mean flexion of the joints of index to little finger [rad]
+    above: dict[HandSide, float]  # mean height of the thumb above the back of the hand [palm lengths], palmar negative
+    bends_as: HandSide  # side by the bend of the fingers; "" if they are too straight
+    looks_as: HandSide  # side by the bend, else by the thumb; "" if neither tells it
 
 
-def _looks_as(points: FloatArray) -> HandSide:
-    """Return the side of a hand by the bend of its fingers, else by its thumb; "" if neither tells it."""
-    above = _thumb_above(points)
-    return _bends_as(points) or next((side for side in SIDES if above[side] <= -THUMB_HEIGHT), "")
-
-
-def _bend(points: FloatArray, side: HandSide) -> float:
-    """Compute the mean flexion of the joints of index to little finger, if it is a hand of this side [rad]."""
-    fingers = points[:, 5:].reshape(-1, 4, 4, 3)
-    orientation = palm_from_knuckles(fingers[:, :, 0], points[:, 0], side)
-    chains = np.concatenate([fingers[:, :1], fingers], axis=1)
-    return _mean(finger_angles(in_palm(np.diff(chains, axis=2), orientation), side)[0][:, 1:])
-
-
-def _thumb_above(points: FloatArray) -> dict[HandSide, float]:
-    """Compute the thumb's mean height above the back of a hand of each side [palm lengths]; palmar is negative."""
-    orientation = palm_from_knuckles(points[:, 5::4], points[:, 0], "right")
-    from_wrist = in_palm(points - points[:, :1], orientation)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        above = _mean(from_wrist[:, 2:5, 2] / np.linalg.norm(from_wrist[:, 9:10], axis=2))
-    return {"right": above, "left": -above}
+def _palmar_side(points: FloatArray) -> _Palmar:
+    bend: dict[HandSide, float] = {}
+    above: dict[HandSide, float] = {}
+    for side in SIDES:
+        palm = palm_from_knuckles(points[:, 5::4], points[:, 0], side)
+        own = in_palm(points - points[:, :1], palm)
+        fingers = own[:, 5:].reshape(-1, 4, 4, 3)
+        # The index finger stands for the thumb, which does not count.
+        bones = np.diff(np.concatenate([fingers[:, :1], fingers], axis=1), axis=2)
+        bend[side] = _mean(finger_angles(bones, side)[0][:, 1:])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            above[side] = _mean(own[:, 2:5, 2] / np.linalg.norm(own[:, 9:10], axis=2))
+    most = max(SIDES, key=bend.__getitem__)
+    bends_as: HandSide = most if bend[most] >= LEAST_BEND else ""
+    return _Palmar(bend, above, bends_as, bends_as or next((s for s in SIDES if above[s] <= -THUMB_HEIGHT), ""))
 
 
 def _mean(values: FloatArray) -> float:

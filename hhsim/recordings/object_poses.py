@@ -27,7 +27,7 @@ from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.frames import OURS, mirrored, quaternions_of
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
-from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, TIME_UNITS, time_column
+from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj", "objects", "objs"}
 _KINDS = {
@@ -41,7 +41,6 @@ KIND_OF = {word: kind for kind, words in _KINDS.items() for word in words.split(
 """What the words of a name hold."""
 ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}
 """Places of w, x, y, z in a quaternion of each order."""
-UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 UNIT_TOLERANCE = 0.02
 """Largest deviation of a quaternion's length, or of an entry of RᵀR, from that of a rotation."""
 STAMP_SLACK = 1e-6
@@ -94,7 +93,7 @@ def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
     if place is None and not alone:
         return None
     words = words if place is None else [word for word in words[place + 1 :] if word not in OBJECT_WORDS]
-    metre = UNITS.get(words[-1]) if len(words) > 1 else None
+    metre = LENGTH_UNITS.get(words[-1]) if len(words) > 1 else None
     return (words if metre is None else words[:-1]), metre
 
 
@@ -162,7 +161,7 @@ def poses_in(
     else:
         return None
     if options.pose_unit is not None:
-        poses = poses._replace(metre=UNITS[options.pose_unit])
+        poses = poses._replace(metre=LENGTH_UNITS[options.pose_unit])
     lost = np.isnan(np.concatenate(poses[:2], axis=1)).any(axis=1, keepdims=True)
     position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
     poses = poses._replace(position=position, orientation=orientation)
@@ -268,7 +267,7 @@ def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) 
         if part is None or not (stem in KIND_OF.values() or (stem == "none" and len(words) < 3)):
             continue
         kind, axis = {"p": "position", "t": "position", "q": "quat_wxyz"}.get(part["kind"] or "", ""), part["axis"]
-        suffix = next((f"_{word}" for word, size in UNITS.items() if size == metre), "")
+        suffix = next((f"_{word}" for word, size in LENGTH_UNITS.items() if size == metre), "")
         if axis is None:
             kind = "rotmat" if stem in ("turn", "vector") else f"pose{suffix}"
         elif not kind:
@@ -413,7 +412,7 @@ def _metre(
     poses: ObjectPoses, content: Content, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
 ) -> float:
     """Return the unit of the positions [m], stated or by their distance from the origin, or from a hand far from it."""
-    metre = UNITS.get(options.pose_unit or "") or poses.metre or content.stated.take("unit")
+    metre = LENGTH_UNITS.get(options.pose_unit or "") or poses.metre or content.stated.take("unit")
     if metre is not None:
         return float(metre)
     where, origin = "origin", np.zeros(3)
@@ -425,7 +424,7 @@ def _metre(
         raise TrajectoryError(f"the object is {usual:.4g} from the {where}, which may be cm or mm; say --pose-unit")
     word = "mm" if usual > FAR else "m"
     findings.append(note(f"no unit of the object's poses: {usual:.4g} from the {where}, taken for {word}: --pose-unit"))
-    return UNITS[word]
+    return LENGTH_UNITS[word]
 
 
 def _at(poses: ObjectPoses, stamps: FloatArray, time: FloatArray) -> ObjectMotion:

@@ -10,9 +10,9 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.recordings.content import ZIP, stated_hand
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
-from hhsim.recordings.content import stated_hand
 from hhsim.recordings.correction import Changes, Correction, changes
 from hhsim.recordings.frames import FileFrame, axes_matrix, turned
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
@@ -83,10 +83,11 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = _read(form, content, options)
-    checksums = "" if content.packed else recording.checksums
+    # The archive has checked the CRC-32 of each array.
+    proved = content.head.startswith(ZIP) and not content.packed
     recording = recording.changed(
         hand=options.hand or recording.hand,
-        checksums=checksums or "missing",
+        checksums=recording.checksums or ("held" if proved else "missing"),
         is_written_back=_is_written_back(form, content, options),
     )
     if recording.bones is None and recording.sample_count:
@@ -100,7 +101,8 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
     found = form.read(content, options)
-    return recording_of_joints(found, form.name, content, options) if isinstance(found, JointPositions) else found
+    recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
+    return recording.changed(form=recording.form or form.name, name=recording.name or content.name)
 
 
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:

@@ -17,10 +17,8 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side, default_fingers, format_hand_file
-from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, palm_mesh, palm_parts
+from hhsim.hand.palm_mesh import CENTER_HEIGHT, palm_mesh, palm_parts
 from hhsim.kernels.hand import kinematics
-from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.round_cone import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import undirected_edges
 
@@ -54,13 +52,6 @@ def test_hand_length_is_wrist_to_middle_fingertip() -> None:
     # Fingers side by side neither float apart nor lie in each other.
     gap = np.linalg.norm(np.diff(knuckles, axis=0), axis=1) - RIGHT.radius[1:-1, 0] - RIGHT.radius[2:, 0]
     assert (np.abs(gap) < 0.005).all()
-
-
-def test_radii_are_the_means_of_the_ends_that_meet() -> None:
-    radius = RIGHT.radius / (0.5 * RIGHT.hand_breadth)
-    np.testing.assert_allclose(radius[1], [0.231, 0.5 * (0.227 + 0.210), 0.5 * (0.186 + 0.198), 0.153], rtol=1e-12)
-    np.testing.assert_allclose(radius[0, [0, 1, 3]], [0.438, 0.231, 0.185], rtol=1e-12)
-    assert (np.diff(radius, axis=1) <= 0.0).all()
 
 
 @pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
@@ -141,33 +132,6 @@ def test_palm_spheres_cover_the_palm_and_join_the_fingers() -> None:
         assert to_spheres.min() < 0.0, FINGERS[finger]
     # Spheres stand out of the palm by less than a finger's radius.
     assert RIGHT.palm_tree.errors[-1].protrusion_max < RIGHT.radius[1:, 0].min()
-
-
-@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
-def test_arrays_are_what_the_kernels_take(hand: HandModel) -> None:
-    arrays = hand.arrays()
-    for name, value in zip(arrays._fields, arrays):
-        assert value.dtype == (np.int64 if name == "palm_group_start" else np.float64), name
-        assert value.flags.c_contiguous, name
-        assert value.flags.writeable, name
-        assert np.isfinite(value).all(), name
-    assert arrays.abduction_sign[0] == (1.0 if hand.side == "right" else -1.0)
-    for f in range(5):
-        for k in range(3):
-            slope = cone_slope(hand.length[f, k], hand.radius[f, k], hand.radius[f, k + 1])
-            assert (arrays.tan_slope[f, k], arrays.inverse_length[f, k]) == slope
-            assert slope[1] > 0.0
-    assert 3 * len(FINGERS) + 1 == BODY_COUNT
-    assert arrays.palm_reach[0] == np.linalg.norm(hand.palm_tree.leaf_center, axis=1).max()
-
-
-def test_everything_grows_with_hand_length() -> None:
-    twice = HandModel.default(hand_length=0.38)
-    assert twice.hand_breadth == pytest.approx(2.0 * RIGHT.hand_breadth, rel=1e-14)
-    np.testing.assert_allclose(twice.base, 2.0 * RIGHT.base, rtol=1e-12)
-    np.testing.assert_allclose(twice.length, 2.0 * RIGHT.length, rtol=1e-12)
-    np.testing.assert_allclose(twice.radius, 2.0 * RIGHT.radius, rtol=1e-12)
-    np.testing.assert_array_equal(twice.flexion_max, RIGHT.flexion_max)
 
 
 def written(folder: Path, text: str) -> Path:
@@ -326,12 +290,3 @@ def test_surface_is_the_blended_parts() -> None:
     least = parts.distance(palm().vertices).min(axis=1)
     assert least.min() >= -1e-9
     assert least.max() <= 0.12 * BREADTH
-
-
-@pytest.mark.parametrize(
-    ("point", "expected"),
-    [((0.0, 3.0, 0.0), 2.0), ((1.0, 3.0, 0.0), 2.25), ((3.0, 0.0, 0.0), 0.5), ((0.0, 0.0, 0.0), -1.0)],
-)
-def test_part_distance(point: tuple[float, float, float], expected: float) -> None:
-    cone = RoundCones(np.zeros((1, 3)), np.array([[2.0, 0.0, 0.0]]), np.array([1.0]), np.array([0.5]))
-    assert cone.distance(np.array([point]))[0, 0] == pytest.approx(expected, abs=1e-15)

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.errors import HhsimError
-from hhsim.motion.csv_table import read_table
-from hhsim.motion.text_edit import NewColumn, edited
+from hhsim.motion.csv_table import NewColumn, edited, read_table
 
 
 def test_tables_of_many_makers() -> None:
@@ -87,7 +86,7 @@ def test_what_is_no_table_is_refused(text: str, words: str) -> None:
 )
 def test_a_number_keeps_its_decimals_or_gets_those_it_needs(old: str, value: float, decimals: int, new: str) -> None:
     text = f"a;b\n{old};x\n"
-    table = read_table(text, decimal="," if "," in old else ".")
+    table = read_table(text)
     assert edited(text, table, [0], {"a": NewColumn(np.array([value]), decimals)}) == f"a;b\n{new};x\n"
 
 

@@ -188,8 +188,8 @@ def moving_npz() -> bytes:
 
 CONTAINERS: dict[str, tuple[Callable[[], bytes], str, bool]] = {
     "npz": (moving_npz, "held", True),
-    "mcap": (lambda: mcap_bytes(JOINTS, chunks=3, compression="zstd"), "held", True),
-    "mcap without chunks": (lambda: mcap_bytes(JOINTS, chunks=0), "held", True),
+    "mcap": (lambda: mcap_bytes(JOINTS, chunks=3, compression="zstd"), "missing", True),
+    "mcap without chunks": (lambda: mcap_bytes(JOINTS, chunks=0), "missing", True),
     "mcap without checksums": (lambda: mcap_bytes(JOINTS, chunks=3, checksums=False), "missing", False),
     "lerobot": (lambda: lerobot_bytes(JOINTS, checksums=True), "missing", True),
     "lerobot without checksums": (lambda: lerobot_bytes(JOINTS), "missing", False),

@@ -26,7 +26,7 @@ def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any)
         "time_unit": "s",
     }
     return recording_of_joints(
-        JointPositions(**given | fields), "test", Content(data=b"", name="take"), options or ReadOptions()
+        JointPositions(**given | fields), Content(data=b"", name="take"), options or ReadOptions()
     )
 
 

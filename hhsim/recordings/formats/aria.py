@@ -12,11 +12,10 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import HandModel
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers
+from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers, usual_wrist
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions
@@ -66,7 +65,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
     """Return the thumb's saddle joint [m], shape (T, 3), fixed in the palm where a usual hand has it."""
     wrist, knuckles = places["wrist"], np.stack([places[f"{finger}_proximal"] for finger in FINGERS[1:]], axis=1)
-    base, usual = usual_fingers(side)["base"], HandModel.default("left" if side == "left" else "right").wrist
+    base, usual = usual_fingers(side)["base"], usual_wrist(side)
     lengths = np.linalg.norm(knuckles[:, 1] - wrist, axis=1)
     known = lengths[np.isfinite(lengths)]
     size = float(np.median(known)) / float(np.linalg.norm(base[2] - usual)) if known.size else 1.0

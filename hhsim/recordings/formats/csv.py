@@ -3,7 +3,7 @@
 import numpy as np
 from msgspec import structs
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError
 from hhsim.motion.csv_file import (
     COLUMNS,
     CSV_SUFFIX,
@@ -15,8 +15,7 @@ from hhsim.motion.csv_file import (
     csv_fields,
     format_csv,
 )
-from hhsim.motion.csv_table import Table, read_table
-from hhsim.motion.text_edit import NewColumn
+from hhsim.motion.csv_table import NewColumn, Table, read_table
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import ColumnMap, mapped, stamp_columns
 from hhsim.recordings.content import Content, ReadOptions
@@ -26,9 +25,6 @@ from hhsim.recordings.object_poses import placed, poses_in, table_arrays
 from hhsim.recordings.recording import MOTION, SIDES, Finding, HandMotion, Recording, note, unreadable, unused
 from hhsim.recordings.registry import RecordingFormat
 
-UNKNOWN = ("", "none", "nan")
-"""Words for the hand of a file that does not tell it."""
-
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
@@ -36,15 +32,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     columns = columns_of(options)
     if columns is None:
-        recording = _own(read_table(content.text), content.name, options)
-        if recording.hand in SIDES:
-            # The side that a remark names is part of the format.
-            content.stated.hide("side")
-        elif recording.hand.lower() not in UNKNOWN and not (options.hand or content.stated.seen("side")):
-            raise TrajectoryError(f"hand is '{recording.hand}'; expected right, left, or nothing: say --hand")
-        return recording if recording.hand in SIDES else recording.changed(hand="")
-    table = read_table(content.text, delimiter=columns.delimiter, decimal=columns.decimal)
-    return with_columns(mapped(table, columns, content.name, "csv"), table, columns, options)
+        recording = _own(read_table(content.text), options)
+        if recording.hand not in SIDES:
+            return recording.changed(hand="")
+        # The side that a remark names is part of the format.
+        content.stated.hide("side")
+        return recording
+    table = read_table(content.text)
+    return with_columns(mapped(table, columns), table, columns, options)
 
 
 def with_columns(recording: Recording, table: Table, columns: ColumnMap, options: ReadOptions) -> Recording:
@@ -80,7 +75,7 @@ def _make(suffix: str, motion: HandMotion) -> bytes:
     return format_csv(Trajectory(time=motion.time, **motion.configuration._asdict(), hand=motion.side)).encode()
 
 
-def _own(table: Table, name: str, options: ReadOptions) -> Recording:
+def _own(table: Table, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
     fields, broken = csv_fields(table)
     findings = [note(text) for text in table.notes] + unreadable(broken)
@@ -101,7 +96,7 @@ def _own(table: Table, name: str, options: ReadOptions) -> Recording:
         fields |= {"object_position": place[0], "object_orientation": turn[0]}
     findings += unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
     fields["file_frame"] = FileFrame.of(up, options.mirror)
-    return Recording(**{"name": name} | fields, form="hhsim csv", findings=tuple(findings))
+    return Recording(**fields, form="hhsim csv", findings=tuple(findings))
 
 
 FORMAT = RecordingFormat(

@@ -42,7 +42,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         device="Dexmo",
         mirror=options.mirror,
     )
-    recording = mapped(table, columns, content.name, "dexmo")
+    recording = mapped(table, columns)
     readings, broken = table.numbers(CHANNELS)
     calibration = options.dexmo or DexmoRegression.default()
     if not calibration.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:

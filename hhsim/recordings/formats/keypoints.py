@@ -19,9 +19,8 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
-from hhsim.motion.csv_table import Table, format_table, lacks_names, read_table
+from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, read_table
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
-from hhsim.motion.text_edit import NewColumn
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.correction import Changes
@@ -109,7 +108,7 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
     fields, used = beside_points(arrays, count, row_names(_points(arrays[key]), content, options)[0])
     used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
     findings = [*joints.findings, *unused(arrays, used)]
-    return replace(joints, **fields, object_poses=poses, findings=findings, checksums_hold=True)
+    return replace(joints, **fields, object_poses=poses, findings=findings)
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:

@@ -70,7 +70,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         rows=shown,
     )
     confidence, made = np.array([number(hand.get("confidence")) for hand in hands]), metadata.get("generatedBy")
-    recording = recording_of_joints(joints, "leap", content, options).changed(
+    recording = recording_of_joints(joints, content, options).changed(
         name=content.name.removesuffix(".json"), source=f"recorded with {made}" if isinstance(made, str) else ""
     )
     text = f"confidence below {UNSURE:g}, says the device: kept"

@@ -45,7 +45,7 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     content.stated = StatedFields({name: cells.to_pylist() for name, cells in columns.items() if kind_of(name)})
     if (mapping := columns_of(options)) is not None:
         table = _table(columns, rows, info)
-        recording = mapped(table, mapping, content.name, "lerobot").found(*findings).changed(rows=rows)
+        recording = mapped(table, mapping).found(*findings).changed(rows=rows)
         return with_columns(recording, table, mapping, options)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
@@ -54,8 +54,12 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
         raise TrajectoryError(f"{what}; expected 2 × {JOINTS} × 3, or --columns that explain the others")
     if len(names) > 1:
         findings.append(note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}"))
-    sides, side, remarks = _chosen(hands, options)
-    points = hands.reshape(len(hands), -1, JOINTS, 3)[:, sides.index(side)]
+    points = hands.reshape(len(hands), -1, JOINTS, 3)
+    sides: list[HandSide] = ["left", "right"] if points.shape[1] == 2 else [""]
+    with np.errstate(invalid="ignore", over="ignore"):
+        seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
+    side, remarks = chosen_side(dict(zip(sides, seen.tolist())), options.hand)
+    points = points[:, sides.index(side)]
     order_by_bones(points, {"openxr": WEBXR_JOINTS})
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
     poses = poses_in({name: _numbers(columns, name, rows) for name in columns if is_objects(name)}, len(hands), options)
@@ -74,15 +78,6 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
         findings=[*findings, *unused(dict.fromkeys(columns), used), *remarks],
         rows=rows,
     )
-
-
-def _chosen(hands: FloatArray, options: ReadOptions) -> tuple[list[HandSide], HandSide, list[Finding]]:
-    """Return the side of each hand in rows, shape (T, n · 75), the chosen one, and findings about it."""
-    points = hands.reshape(len(hands), -1, JOINTS, 3)
-    sides: list[HandSide] = ["left", "right"] if points.shape[1] == 2 else [""]
-    with np.errstate(invalid="ignore", over="ignore"):
-        seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
-    return sides, *chosen_side(dict(zip(sides, seen.tolist())), options.hand)
 
 
 def _columns(data: bytes) -> dict[str, Any]:

@@ -2,32 +2,29 @@
 
 A record holds 26 joints of OpenXR (position, quaternion, validity, radius) and three stamps: arrival and sampling on
 the host's clock, and sampling on the device's. The second is used. y is up. mcap (mcap.dev) reads the file, in a child
-process; the layout of a record is published at flatbuffers.dev. All CRC-32 and statistics that are there are checked.
+process; the layout of a record is published at flatbuffers.dev. CRC-32 of chunks and data, and the number of messages
+in the statistics, are checked where they are there.
 """
 
 import io
 import re
 import struct
-import zlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import MOST_BYTES, Content, ReadOptions
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.recording import MOST_SAMPLES, Finding, chosen_side, note, unused
+from hhsim.recordings.recording import MOST_SAMPLES, chosen_side, note, unused
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER_BYTES, CHECKSUM_AND_MAGIC = 37, 12
-"""Length of a footer and the magic behind it, and of what its checksum is not of."""
 HAND_SCHEMA = "core.HandPoseRecord"
 JOINT = np.dtype(
     {
@@ -43,8 +40,8 @@ NANOSECOND = 1e-9
 
 Sample = tuple[tuple[int, ...], NDArray[np.void] | None]
 """Stamps, and the joints if the hand was seen."""
-Messages = tuple[list[tuple[str, str]], list[tuple[str, int, bytes]], bool]
-"""Topic and schema of each channel; topic, log time [ns] and data of each hand; True if checksums prove all numbers."""
+Messages = tuple[list[tuple[str, str]], list[tuple[str, int, bytes]]]
+"""Topic and schema of each channel; topic, log time [ns] and data of each hand."""
 
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
@@ -55,7 +52,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
     data = content.data
     try:
-        channels, hands, proved = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
+        channels, hands = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
     except DamagedFileError as error:
         raise TrajectoryError(str(error)) from None
     samples: dict[HandSide, list[Sample]] = {}
@@ -73,6 +70,12 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
     if len(shown) < total:
         findings.append(note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples"))
+    if all(len(stamps) == 3 for stamps, _ in shown):
+        given = np.array([stamps[1] for stamps, _ in shown], dtype=np.int64)
+        findings.append(note("stamps: when the sample was taken, host's clock"))
+    else:
+        given = np.array([stamps[-1] for stamps, _ in shown], dtype=np.int64)
+        findings.append(note("stamps: when the messages were logged; the records have no others"))
     joints = np.array([joints for _, joints in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     with np.errstate(invalid="ignore"):
@@ -81,7 +84,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
     return JointPositions(
         position=position,
         what=f"{len(OPENXR_JOINTS)} OpenXR joints of the {side} hand",
-        time=_stamps([stamps for stamps, _ in shown], findings),
+        time=(given - given[0]) * NANOSECOND,
         time_unit="s",
         hand=side,
         unit=1.0,
@@ -91,7 +94,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         device="OpenXR through Isaac Teleop",
         findings=findings,
         rows=seen[side],
-        checksums_hold=proved,
     )
 
 
@@ -100,62 +102,31 @@ def _side(topic: str) -> HandSide:
     return "right" if "right" in words else "left" if "left" in words else ""
 
 
-def _stamps(stamps: list[tuple[int, ...]], findings: list[Finding]) -> FloatArray:
-    """Return the time of each sample after the first [s]."""
-    if all(len(each) == 3 for each in stamps):
-        given = np.array(stamps, dtype=np.int64)[:, 1]
-        findings.append(note("stamps: when the sample was taken, host's clock"))
-    else:
-        given = np.array([each[-1] for each in stamps], dtype=np.int64)
-        findings.append(note("stamps: when the messages were logged; the records have no others"))
-    return np.asarray((given - given[0]) * NANOSECOND)
-
-
 def _read_messages(data: bytes) -> Messages:
-    from mcap.records import Channel, Chunk, DataEnd, Footer, Message, Schema, Statistics
-    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.records import Channel, Message, Schema, Statistics
+    from mcap.stream_reader import StreamReader
 
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     hands: list[tuple[str, int, bytes]] = []
-    messages = chunks = unpacked = 0
-    each_held, whole_held, statistics_hold = True, False, False
-    reader: Any = StreamReader(io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
+    messages = 0
+    reader: Any = StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data))
     for record in reader.records:
-        inner = [record]
-        if isinstance(record, Chunk):
-            unpacked += record.uncompressed_size
-            if unpacked > MOST_BYTES:
-                raise TrajectoryError("chunks of more than 1 GB; expected a recording of a hand")
-            inner = breakup_chunk(record, validate_crc=True)
-            each_held, chunks = each_held and record.uncompressed_crc != 0, chunks + 1
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            channels[record.id] = record.topic, schemas.get(record.schema_id, "")
         elif isinstance(record, Message):
-            each_held = False
-        elif isinstance(record, DataEnd):
-            whole_held = record.data_section_crc != 0
-        elif isinstance(record, Statistics):
-            if (record.message_count, record.chunk_count) != (messages, chunks):
-                what = f"a damaged MCAP file: {counted(messages, 'message')} in {counted(chunks, 'chunk')}"
-                stated = f"{record.message_count} in {record.chunk_count}"
-                raise TrajectoryError(f"{what}, where its statistics count {stated}")
-            statistics_hold = True
-        elif isinstance(record, Footer):
-            begin = record.summary_start or len(data) - FOOTER_BYTES
-            if record.summary_crc not in (0, zlib.crc32(memoryview(data)[begin:-CHECKSUM_AND_MAGIC])):
-                raise TrajectoryError("a damaged MCAP file: the summary differs from its checksum")
-        for each in inner:
-            if isinstance(each, Schema):
-                schemas[each.id] = each.name
-            elif isinstance(each, Channel):
-                channels[each.id] = each.topic, schemas.get(each.schema_id, "")
-            elif isinstance(each, Message):
-                messages += 1
-                if messages > MOST_SAMPLES:
-                    raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
-                topic, schema = channels.get(each.channel_id, ("", ""))
-                if schema == HAND_SCHEMA and _side(topic):
-                    hands.append((topic, each.log_time, each.data))
-    return [*channels.values()], hands, whole_held or (each_held and statistics_hold)
+            messages += 1
+            if messages > MOST_SAMPLES:
+                raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
+            topic, schema = channels.get(record.channel_id, ("", ""))
+            if schema == HAND_SCHEMA and _side(topic):
+                hands.append((topic, record.log_time, record.data))
+        elif isinstance(record, Statistics) and record.message_count != messages:
+            what = f"a damaged MCAP file: {counted(messages, 'message')}"
+            raise TrajectoryError(f"{what}, where its statistics count {record.message_count}")
+    return [*channels.values()], hands
 
 
 def _sample(log_time: int, data: bytes) -> Sample:

@@ -2,7 +2,6 @@
 
 import io
 import json
-import pickle
 import struct
 import zipfile
 from collections.abc import Callable
@@ -199,10 +198,9 @@ FAULTS: dict[str, list[tuple[Any, str, dict[str, Any]]]] = {
         (MAGIC + FOOTER + MAGIC, "no hand among the channels, which are none", {}),
         (MCAP[:8] + struct.pack("<BQ", 1, 1 << 40) + MCAP[17:], "exceeds limit", {}),
         (b"x" + MCAP[1:], "invalid magic", {}),
-        (MCAP[:-12] + b"\0\0\0\1" + MCAP[-8:], "the summary differs from its checksum", {}),
         # A kind of record that nobody knows is passed over, as the format asks; then a chunk that is there twice.
-        (second_chunk(lambda one, rest: b"\x86" + rest[1:]), "in 2 chunks, where its statistics count 12 in 3", {}),
-        (second_chunk(lambda one, rest: one + rest), "in 4 chunks, where its statistics count 12 in 3", {}),
+        (second_chunk(lambda one, rest: b"\x86" + rest[1:]), "8 messages, where its statistics count 12", {}),
+        (second_chunk(lambda one, rest: one + rest), "16 messages, where its statistics count 12", {}),
     ],
     "npz": [
         (b"PK\x03\x04", "damaged", {}),
@@ -267,7 +265,6 @@ def test_what_is_no_packed_text_is_refused(packed: str) -> None:
         (lerobot, "MOST_BYTES", 5000, r"observation.hand_joints has \d MB; expected"),
         (lerobot, "most_unpacked", lambda size: size // 10, r"[\d,]+ bytes in a file of [\d,]+; expected a recording"),
         (mcap, "MOST_SAMPLES", 9, "more than 9 messages"),
-        (mcap, "MOST_BYTES", 9_000, "chunks of more than 1 GB"),
     ],
 )
 def test_more_than_a_recording_is_refused(
@@ -285,15 +282,6 @@ def test_a_flipped_bit_is_told_where_checksums_are(tmp_path: Path) -> None:
         place = data.index(struct.pack("<f", POINTS[9, 5, 0].astype(np.float32)))
         with pytest.raises(TrajectoryError, match=f"crc validation failed in {part}"):
             read_as("mcap", flipped(data, place))
-
-
-@pytest.mark.parametrize("protocol", [2, 4, 5])
-def test_a_pickle_that_is_more_than_data_runs_nothing(protocol: int, tmp_path: Path, capsys: Any) -> None:
-    path = tmp_path / "take.pkl"
-    path.write_bytes(pickle.dumps({"joints": POINTS, "t": TIME, "more": Planted()}, protocol))
-    with pytest.raises(TrajectoryError, match=r"take\.pkl: holds .*, which is not data"):
-        read_recording(path)
-    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize(

@@ -129,12 +129,3 @@ def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
             read_mano_model(path)
     with pytest.raises(TrajectoryError, match="no such file"):
         read_mano_model(tmp_path / "none.pkl")
-    whole = pickle.dumps(fields)
-    random = np.random.default_rng(6)
-    for _ in range(40):
-        damaged = bytearray(whole)
-        for place in random.integers(0, 3000, 3):
-            damaged[place] = random.integers(256)
-        path.write_bytes(bytes(damaged[: random.integers(100, len(whole))]))
-        with pytest.raises(TrajectoryError):
-            read_mano_model(path)
