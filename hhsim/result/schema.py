@@ -20,8 +20,6 @@ HANDS = "hands"
 """Group of the hands, `hands/right` and `hands/left`: each with its model, and its ticks."""
 BODIES = "bodies"
 """Group of the bodies by their names: each with its mesh, its tree, and its ticks where it moves."""
-BODY_KINDS = ("fixed", "driven", "free")
-"""Ways in which a body moves: not at all, as recorded, or by the forces on it."""
 TICK = "tick"
 """Group of the ticks of a file, of a hand or of a body."""
 TREE_ARRAYS = ("center", "radius", "level", "parent")
@@ -397,10 +395,3 @@ def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[
     """Return columns of `TICK_COLUMNS` by the groups of a file that they are written to."""
     of_hand = {column.name: block[column.name] for column in hand_columns()}
     return {TICK: {TIME.name: block[TIME.name]}, f"{HANDS}/{side}/{TICK}": of_hand}
-
-
-def wrong_schema(version: Any) -> str:
-    """Message on a result of another schema, to follow its path."""
-    if isinstance(version, int | np.integer) and version > SCHEMA_VERSION:
-        return f"was written by a newer hhsim (schema {version}; this one reads {SCHEMA_VERSION}): upgrade hhsim"
-    return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"

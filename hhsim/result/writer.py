@@ -24,8 +24,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
-from hhsim.result.body import Body
-from hhsim.result.contacts import contact_names
+from hhsim.result.body import Body, contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file

@@ -94,4 +94,4 @@ def decoded(kept: Fields) -> FingerClosure:
     """Return the closure of such fields; KeyError, TypeError or ValueError if they are none of a closure."""
     names = ("reached", "missed")
     parts: dict[str, Any] = {name: np.array(values, np.float64) for name, values in kept.items() if name not in names}
-    return FingerClosure(**parts, **{name: tuple(kept[name]) for name in names})
+    return FingerClosure(**parts | {name: tuple(kept[name]) for name in names})

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.result.contacts import contact_names, pair_codes
+from hhsim.result.body import contact_names, pair_codes
 
 
 def test_a_contact_of_the_first_body_is_named_by_hand_and_body() -> None:

@@ -10,7 +10,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
-from hhsim.scene.contact_goals import Touch, TouchTable, holds, object_region, object_regions, touch_distances
+from hhsim.scene.contact_goals import Touch, TouchTable, holds, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, make_work
 from hhsim.system.settings_file import typed
 
@@ -52,7 +52,7 @@ def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) 
             distance, places = round_cone_contact(
                 center[None], np.array([radius]), joints[2, k], joints[2, k + 1], *HAND.radius[2, k : k + 2]
             )
-            if holds(object_region("cup", "inside"), places)[0]:
+            if holds(object_regions("cup")["inside"], places)[0]:
                 best = min(best, float(distance[0]))
     assert found == pytest.approx(best, abs=1e-12)
     (anywhere,) = touch_distances([Touch("middle")], "cup", HAND, coarse, joints, position, rotation)
@@ -66,5 +66,5 @@ NAMED = [(name, region) for name in object_names() for region in object_regions(
 def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name: str, region: str) -> None:
     triangles = load_object(name).mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    share = area[holds(object_region(name, region), triangles.mean(axis=1))].sum() / area.sum()
+    share = area[holds(object_regions(name)[region], triangles.mean(axis=1))].sum() / area.sum()
     assert 0.005 < share < 0.75
