@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known, named
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
@@ -218,7 +218,5 @@ def clean_imported(path: Path, recording: "Recording") -> Trajectory:
     """Make the motion of a recording; TrajectoryError, which names the file, for one that cannot be cleaned safely."""
     from hhsim.recordings.cleaning import clean_recording
 
-    try:
+    with named(path):
         return clean_recording(recording).trajectory
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None

@@ -13,7 +13,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.scene import kept_closures
+from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
@@ -28,7 +28,7 @@ def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A cache without the closures that other runs have found."""
     folder = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kept_closures, "cache_root", lambda: folder)
+        patch.setattr(closure_search, "cache_root", lambda: folder)
         yield
 
 

@@ -6,29 +6,14 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import object_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
-from hhsim.scene.contact_goals import Touch, TouchTable, holds, object_regions, touch_distances
+from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.system.settings_file import typed
 
 HAND = HandModel.default()
 TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ("handle", "expected a table"),
-        ({"pinky": "handle"}, "unknown key 'pinky'"),
-        ({"thumb": ["handle", ""]}, r"thumb\[2\] = ''"),
-    ],
-)
-def test_what_is_no_touch_is_refused(table: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        typed(table, TouchTable, "x")
 
 
 def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -9,9 +9,8 @@ import pytest
 
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.scene import kept_closures
-from hhsim.scene.closure_search import plan_finger_closure
-from hhsim.scene.kept_closures import encoded, shipped_closures
+from hhsim.scene import closure_search
+from hhsim.scene.closure_search import encoded, plan_finger_closure, shipped_closures
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -28,8 +27,8 @@ def tree_of(name: str, level: int) -> SphereTree:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The cache, empty, of a process that has searched for nothing."""
-    monkeypatch.setattr(kept_closures, "cache_root", lambda: tmp_path)
-    monkeypatch.setattr(kept_closures, "_found", {})
+    monkeypatch.setattr(closure_search, "cache_root", lambda: tmp_path)
+    monkeypatch.setattr(closure_search, "_found", {})
     return tmp_path / "closures"
 
 
@@ -37,7 +36,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A name for each search."""
     done: list[str] = []
-    keep = kept_closures.kept_closure
+    keep = closure_search.kept_closure
 
     def counted(script: Any, hand: Any, tree: Any, search: Any) -> Any:
         def noted() -> Any:
@@ -68,7 +67,7 @@ def test_a_search_is_kept_by_the_process_and_by_the_cache(
     first = plan_finger_closure(*question)
     first.open[:] = 0.0
     again = plan_finger_closure(*question)
-    monkeypatch.setattr(kept_closures, "_found", {})
+    monkeypatch.setattr(closure_search, "_found", {})
     read = plan_finger_closure(*question)
     assert len(searches) == 1 and len(list(folder.glob("*.json"))) == 1
     assert again.open.any() and encoded(again) == encoded(read)
@@ -83,12 +82,12 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 
 def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
-    library = Path(kept_closures.__file__).parents[1]
+    library = Path(closure_search.__file__).parents[1]
     needed = {Path(name).relative_to(library).as_posix() for name in done.stdout.split()}
     # Kernels count by a digest of their own; hand and tree by every number of theirs.
     by_content = ("kernels/", "hand/", "trees/", "mesh/", "system/", "motion/", "metrics/", "recordings/")
     unknown = {name for name in needed if not name.startswith(by_content) and not name.endswith("__init__.py")}
     # Not what is searched for, but what a script says of its end and of joints, and how closures are kept and told.
-    other = {"arrays.py", "errors.py", "ranges.py", "scene/contact_goals.py", "scene/kept_closures.py"}
+    other = {"arrays.py", "errors.py", "ranges.py", "scene/contact_goals.py"}
     other |= {"scene/body.py"}
-    assert unknown - {*kept_closures._SOURCES} == other
+    assert unknown - {*closure_search._SOURCES} == other
