@@ -34,9 +34,10 @@ from hhsim.scene.body import (
     composed,
     triple,
 )
-from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
+from hhsim.scene.body_file import BodyFile, BodySettings, Drive
 from hhsim.scene.linkage_bodies import linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
+from hhsim.system.settings_file import read_settings
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -267,7 +268,7 @@ def _require_apart(bodies: DeclaredBodies) -> None:
 def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodies:
     """Return the bodies of a TOML file; a script that moves joints does so in place of the file's motions."""
     path = Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
-    bodies = read_body_file(path).body
+    bodies = read_settings(path, BodyFile, "file of bodies").body
     joints = {body.name: body.joint.read(path.parent) for body in bodies if body.joint}
     motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     with named(word):
