@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from msgspec import structs
+
 from hhsim.scene.body import Body, Driven
 from hhsim.scene.scene import Hand, Scene
 
@@ -13,7 +15,9 @@ def cut(scene: Scene, bodies: slice) -> Scene:
         if isinstance(body, Body) and isinstance(body.motion, Driven):
             poses, values = body.motion.poses.at(bodies), body.motion.values
             motion = Driven(poses, None if values is None else values[bodies])
-            joint = body.joint if body.joint is None or values is None else replace(body.joint, value=values[bodies][0])
+            joint = body.joint
+            if joint is not None and values is not None:
+                joint = structs.replace(joint, start=float(values[bodies][0]))
             body = replace(body, motion=motion, joint=joint)
         cut_bodies.append(body)
     count = len(range(*bodies.indices(scene.ticks.tick_count)))

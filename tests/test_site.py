@@ -51,7 +51,8 @@ def test_the_navigation_leads_to_every_page() -> None:
 
 def test_the_readme_and_the_pages_are_short() -> None:
     assert len((REPOSITORY / "README.md").read_text(encoding="utf-8").split()) <= README_WORDS
-    written = [path for path in DOCS.glob("*.md") if path.name != "gallery.md"]  # which make gallery writes
+    # What make gallery writes, and the keys of files, which are looked up.
+    written = [path for path in DOCS.glob("*.md") if path.name not in ("gallery.md", "toml.md")]
     assert sum(len(path.read_text(encoding="utf-8").split()) for path in written) <= DOCS_WORDS
 
 

@@ -3,7 +3,7 @@
     python -m tools.build_closures
 
 searches anew and writes objects/closures.json. It is due when a script, an object, the default hand or the search
-changed (`hhsim.scene.kept_closures.SEARCH_VERSION` is then to be raised for the last); tests say so.
+changed (`hhsim.scene.closure_search.SEARCH_VERSION` is then to be raised for the last); tests say so.
 """
 
 import json
@@ -13,8 +13,8 @@ from unittest.mock import patch
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import object_names
+from hhsim.scene.closure_search import SHIPPED, Fields, closure_key, encoded
 from hhsim.scene.finger_closure import FingerClosure
-from hhsim.scene.kept_closures import SHIPPED, Fields, closure_key, encoded
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import open_scene
 from hhsim.scene.script import Script

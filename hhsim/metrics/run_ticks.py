@@ -22,7 +22,7 @@ from hhsim.metrics.mesh_penetration import TouchedObject
 from hhsim.metrics.metrics import posture_jump
 from hhsim.metrics.moving_parts import TouchedParts, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
-from hhsim.result.contacts import ON_TABLE
+from hhsim.result.body import ON_TABLE
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.result.stored_hand import result_hand, sphere_tree_of
@@ -48,7 +48,7 @@ class FreeRun:
     """Free body of a run, world frame; `free["velocity"]` is that dataset of it."""
 
     body: Datasets  # datasets of the body's ticks by name
-    contacts: Datasets  # columns of its contacts by name, and `body`, as of `hhsim.result.contacts.Contacts`
+    contacts: Datasets  # columns of its contacts by name, and `body`, as of `hhsim.result.body.Contacts`
     properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.solver.free_object`
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
     stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)

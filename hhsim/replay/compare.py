@@ -1,24 +1,20 @@
 """Comparison of two results: differences of input and of options, and the figures that are better or worse."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.run_inputs import RunInputs, differences, new_options, run_inputs, tick_digest
+from hhsim.replay.run_inputs import named_differences, new_options, run_inputs, tick_digest
 from hhsim.replay.summary_table import SummaryRow
 from hhsim.result.reader import Result
 from hhsim.result.wording import commit, object_name, option_value
 from hhsim.table.verdict import NOT_COMPARABLE, SAME, WITHIN, word_of
 
-HOW = ("level", "max_error")
-"""Options of a replay that change how it is run, not its input."""
-OF_A_MESH = ("unit", "size_mm", "solid")
-OF_A_MOTION = ("number of ticks", "trajectory")
-OF_A_REPLAY = ("place_object", "samples", "seed", "tremor_mm_deg")
-"""Figures that differ of necessity where the object, the motion, or the kind of run does."""
+HOW = ("level", "max_error", "spheres of the tree", "sphere tree")
+"""What changes how a run is made, not its input, beside the options of the solver."""
 SEEDED_NOISE = {TREMBLING: 2.0, f"{TREMBLING}_std": 2.0}
 """Relative differences within the noise of a hand with random tremor.
 
@@ -67,16 +63,20 @@ class ComparedFigure:
 def compare(base: Result, head: Result) -> Comparison:
     """Return the differences of two results."""
     one, other = run_inputs(base), run_inputs(head)
-    every = differences(one, other)
-    # The way it was run is taken from the first: what still differs is the scene.
-    same = {name: getattr(one, name) for name in ("schema", "spheres", "tree", "solver")}
-    alike = replace(other, **same, options={**other.options, **{name: one.options[name] for name in HOW}})
-    unlike = differences(one, alike)
-    about_schema = [text for text in every if text.startswith("result schema")]
-    how = [_in_units(text, one, other) for text in every if text not in unlike and text not in about_schema]
+    unlike = named_differences(one, other)
+    schema, texts = unlike.pop("result schema", None), dict(unlike)
+    if "object mesh" in texts and object_name(base) != object_name(head):
+        texts["object mesh"] = f"object: {object_name(base)} and {object_name(head)}"
+    for name in unlike.keys() & one.solver.keys():
+        values = [option_value(name, inputs.solver[name]) for inputs in (one, other)]
+        # What differs in later digits than people read is told in full.
+        texts[name] = f"{name}: {' and '.join(values)}" if values[0] != values[1] else unlike[name]
+    of_how = {name for name in unlike if name in HOW or name in one.solver}
+    how = [texts[name].replace("None", "none") for name in unlike if name in of_how]
     how += [f"option that only one has: {name}" for name in new_options(one, other)]
-    around = [*about_schema, *_around(base, head)]
-    scene = tuple(_of_the_scene(unlike, base, head))
+    around = [*([schema] if schema else []), *_around(base, head)]
+    scene = tuple(texts[name].replace("None", "none") for name in unlike if name not in of_how)
+    scene = ("one is a live session", *scene) if (base.live is None) != (head.live is None) else scene
     same_bits = base.ticks == head.ticks and tick_digest(base) == tick_digest(head)
     return Comparison(scene, tuple(how), tuple(around), base.machine == head.machine, same_bits, _spread(base, head))
 
@@ -122,32 +122,6 @@ def _around(base: Result, head: Result) -> list[str]:
     if base.complete != head.complete:
         found.append(f"complete: {_in_words(base.complete)} and {_in_words(head.complete)}")
     return found
-
-
-def _of_the_scene(unlike: Sequence[str], base: Result, head: Result) -> list[str]:
-    """Return differences of input by the names that people know, without those that follow from another."""
-    named = {text.partition(":")[0]: text for text in unlike}
-    live = (base.live is None) != (head.live is None)
-    follow = [
-        *(OF_A_MESH if "object mesh" in named else ()),
-        *(OF_A_MOTION if "motion" in named else ()),
-        *(OF_A_REPLAY if live else ()),
-    ]
-    names = object_name(base), object_name(head)
-    if "object mesh" in named and names[0] != names[1]:
-        named["object mesh"] = f"object: {names[0]} and {names[1]}"
-    found = [text.replace("None", "none") for name, text in named.items() if name not in follow]
-    return [*(["one is a live session"] if live else []), *found]
-
-
-def _in_units(text: str, one: RunInputs, other: RunInputs) -> str:
-    """Return a difference in an option of the solver with its unit."""
-    name = text.partition(":")[0]
-    if name not in one.solver or name not in other.solver:
-        return text.replace("None", "none")
-    words = [option_value(name, inputs.solver[name]) for inputs in (one, other)]
-    # What differs in later digits than people read is told in full.
-    return f"{name}: {' and '.join(words)}" if words[0] != words[1] else text
 
 
 def _in_words(value: Any) -> str:

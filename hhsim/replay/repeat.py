@@ -186,7 +186,14 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOption
     prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
     arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
     has_free = any(body.is_free for body in result.bodies.values())
-    of_bodies = [ArrayComparison(column) for column in _moving(result, has_free)]
+    # All that bodies have but what is given.
+    given_columns = {column.name for column in schema.DRIVEN_COLUMNS}
+    of_bodies = [
+        ArrayComparison(replace(column, name=f"{body.group}/{schema.TICK}/{column.name}"))
+        for body in (result.bodies.values() if has_free else ())
+        for column in schema.BODY_COLUMNS
+        if column.name in body and column.name not in given_columns
+    ]
     contacts = [
         ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))
         for column in (schema.CONTACT_COLUMNS if has_free else ())
@@ -236,17 +243,6 @@ def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOption
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
     return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
-
-
-def _moving(result: Result, has_free: bool) -> list[schema.Column]:
-    """Columns of bodies that a second run computes anew: all but what is given."""
-    given = {column.name for column in schema.DRIVEN_COLUMNS}
-    return [
-        replace(column, name=f"{body.group}/{schema.TICK}/{column.name}")
-        for body in (result.bodies.values() if has_free else ())
-        for column in schema.BODY_COLUMNS
-        if column.name in body and column.name not in given
-    ]
 
 
 def _compare_contacts(

@@ -96,22 +96,25 @@ def run_inputs(result: Result) -> RunInputs:
 
 def differences(base: RunInputs, head: RunInputs) -> list[str]:
     """Differences between two runs' inputs, a few words each; empty where they can be compared."""
-    found = []
-    for name, what in (("schema", "result schema"), ("ticks", "number of ticks"), ("spheres", "spheres of the tree")):
-        if getattr(base, name) != getattr(head, name):
-            found.append(f"{what}: {getattr(base, name)} and {getattr(head, name)}")
-    if base.mesh != head.mesh:
-        found.append(f"object mesh: {base.mesh[:12]}… and {head.mesh[:12]}…")
-    for kind in ("options", "solver"):
-        one, other = getattr(base, kind), getattr(head, kind)
+    return list(named_differences(base, head).values())
+
+
+def named_differences(base: RunInputs, head: RunInputs) -> dict[str, str]:
+    """Differences between two runs' inputs, a few words each, by the name of what differs."""
+    counts = {"schema": "result schema", "ticks": "number of ticks", "spheres": "spheres of the tree"}
+    pairs = {what: (getattr(base, name), getattr(head, name)) for name, what in counts.items()}
+    pairs["object mesh"] = f"{base.mesh[:12]}…", f"{head.mesh[:12]}…"
+    for one, other in ((base.options, head.options), (base.solver, head.solver)):
         # Options that only one of them has came or went between two versions.
-        both = sorted(one.keys() & other.keys())
-        unlike = [name for name in both if _plain(one[name]) != _plain(other[name])]
-        found += [f"{name}: {one[name]} and {other[name]}" for name in unlike]
-    for name, what in (("tree", "sphere tree"), ("hand", "hand"), ("motion", "trajectory")):
-        if not _alike(getattr(base, name), getattr(head, name)):
-            found.append(what)
-    return found
+        pairs |= {name: (one[name], other[name]) for name in sorted(one.keys() & other.keys())}
+    found = {name: f"{name}: {one} and {other}" for name, (one, other) in pairs.items() if _plain(one) != _plain(other)}
+    sums = {"sphere tree": (base.tree, head.tree), "hand": (base.hand, head.hand)}
+    sums["trajectory"] = base.motion, head.motion
+    return found | {
+        name: name
+        for name, (one, other) in sums.items()
+        if len(one) != len(other) or not (np.abs(np.subtract(one, other)) <= TOLERANCE).all()
+    }
 
 
 def new_options(base: RunInputs, head: RunInputs) -> list[str]:
@@ -136,10 +139,6 @@ def _sums(arrays: Iterable[ArrayLike]) -> tuple[float, ...]:
         weight = 1.0 + (np.arange(len(array)) * GOLDEN) % 1.0
         found += (array.reshape(len(array), -1) * weight[:, None]).sum(axis=0).tolist()
     return tuple(found)
-
-
-def _alike(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return len(one) == len(other) and bool(np.all(np.abs(np.subtract(one, other)) <= TOLERANCE))
 
 
 def _plain(value: Any) -> Any:
@@ -204,12 +203,6 @@ def unusual_options(scene: Mapping[str, Any]) -> dict[str, Any]:
     usual_scene = {**USUAL_SCENE, "level": usual_level(str(scene.get("object") or ""))}
     stated = {name: scene[name] for name in OF_THE_SCENE if scene.get(name) is not None}
     found = {name: value for name, value in stated.items() if usual_scene.get(name) != value}
-    usual = _usual_solver(solver, float(scene.get("rate") or USUAL_SCENE["rate"]))
-    told = {name: value for name, value in _flat(solver).items() if value != usual.get(name)}
-    return found | {name: value for name, value in told.items() if name not in ("method", "surface", "period")}
-
-
-def _usual_solver(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
     try:
         method, surface = str(solver.get("method", "coupled")), str(solver.get("surface", "spheres"))
         # A class from outside has the usual defaults: to read a result imports no code that it names.
@@ -217,8 +210,10 @@ def _usual_solver(solver: Mapping[str, Any], rate: float) -> dict[str, Any]:
     except HhsimError:
         # The method is not installed here, or unknown: the defaults of the others.
         options = SolverOptions()
-    found = options.at_rate(rate).to_json()
-    return _flat({**found, "fingers": list(found["fingers"]), "stiffness": dict(vars(Stiffness()))})
+    plain = options.at_rate(float(scene.get("rate") or USUAL_SCENE["rate"])).to_json()
+    usual = _flat({**plain, "fingers": list(plain["fingers"]), "stiffness": dict(vars(Stiffness()))})
+    told = {name: value for name, value in _flat(solver).items() if value != usual.get(name)}
+    return found | {name: value for name, value in told.items() if name not in ("method", "surface", "period")}
 
 
 def _flat(options: Mapping[str, Any]) -> dict[str, Any]:

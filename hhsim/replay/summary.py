@@ -182,9 +182,8 @@ def summarise(
     return ReplaySummary(
         rows=summary_rows(figures, of_paper=of_paper),
         notes=(
-            *_notes(seen, options, hands_apart, series["status"]),
+            *_notes(seen, options, hands_apart, series["status"], figures),
             *surface.notes,
-            *_coarse_spheres_note(seen, figures),
             *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
         ),
         ticks=ticks.tick_count,
@@ -222,6 +221,37 @@ def figures_of_own_runs(
     return found
 
 
+def _notes(
+    seen: SeenScene, options: SolverOptions, hands_apart: bool, status: AnyArray, figures: Mapping[str, float]
+) -> Iterator[str]:
+    """Yield remarks on the input, on the ticks, and on spheres too coarse for what a user should feel."""
+    yield from (*seen.mesh.repairs, *seen.mesh.warnings)
+    if np.any(status & STATUS_START_INSIDE):
+        where = "one of the bodies" if seen.others else "the object"
+        where += ", or in the other hand" if hands_apart else ""
+        where += ", or in itself" if options.self_contact else ""
+        yield f"the haptic hand begins inside {where}: the graphic hand began at a free place near it"
+    if squeezed := int(np.sum(status & STATUS_NO_PLACE > 0)):
+        ticks = counted(squeezed, "tick")
+        yield f"moving parts left the hand no place in {ticks}: it is shown inside them, as little as can be"
+    if held := int(np.sum(status & STATUS_INPUT_INVALID > 0)):
+        yield f"{counted(held, 'tick')} had input that was not finite and used the last good one"
+    if options.threads > 1:
+        yield f"CPU times are those of all {options.threads} threads together, waiting for each other included"
+    error = figures["contact_error_max"]
+    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
+    if error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
+        level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
+        if seen.others:
+            way = "mend it with --surface mesh"
+        elif level < MOST_LEVEL:
+            way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
+        yield (
+            f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level "
+            f"{level}) are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}"
+        )
+
+
 def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
     """Yield by how much each driven body is kept from its recorded place; `first` is the motion of the first body."""
     for name, motion in parts.driven.items():
@@ -232,44 +262,6 @@ def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
         if off.max() > HELD_OFF:
             ticks = counted(int((off > HELD_OFF).sum()), "tick")
             yield f"{name} is kept from where it is recorded in {ticks}, by up to {1e3 * off.max():.3g} mm"
-
-
-def _notes(seen: SeenScene, options: SolverOptions, hands_apart: bool, status: AnyArray) -> tuple[str, ...]:
-    notes = [*seen.mesh.repairs, *seen.mesh.warnings]
-    if np.any(status & STATUS_START_INSIDE):
-        where = "one of the bodies" if seen.others else "the object"
-        where += ", or in the other hand" if hands_apart else ""
-        where += ", or in itself" if options.self_contact else ""
-        notes.append(f"the haptic hand begins inside {where}: the graphic hand began at a free place near it")
-    squeezed = int(np.sum(status & STATUS_NO_PLACE > 0))
-    if squeezed:
-        notes.append(
-            f"moving parts left the hand no place in {counted(squeezed, 'tick')}: it is shown inside them, as "
-            "little as can be"
-        )
-    held = int(np.sum(status & STATUS_INPUT_INVALID > 0))
-    if held:
-        notes.append(f"{counted(held, 'tick')} had input that was not finite and used the last good one")
-    if options.threads > 1:
-        notes.append(f"CPU times are those of all {options.threads} threads together, waiting for each other included")
-    return tuple(notes)
-
-
-def _coarse_spheres_note(seen: SeenScene, figures: Mapping[str, float]) -> tuple[str, ...]:
-    """Advice on contacts that are farther from the mesh than a user should feel."""
-    error = figures["contact_error_max"]
-    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
-    if not error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
-        return ()
-    level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
-    if seen.others:
-        way = "mend it with --surface mesh"
-    elif level < MOST_LEVEL:
-        way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
-    return (
-        f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level {level}) "
-        f"are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}",
-    )
 
 
 @dataclass(frozen=True)

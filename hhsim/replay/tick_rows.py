@@ -19,7 +19,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.contacts import pair_codes
+from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.result.schema import (
     BODIES,

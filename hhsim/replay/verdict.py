@@ -143,11 +143,9 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     if result.scene.get("submission") and any(row.name.startswith("tick_") for row in rows):
         remark = f"{STATED_TIMES[:1].upper()}{STATED_TIMES[1:]}."
         found = replace(found, sentences=(*found.sentences, remark), line=f"{found.line} {remark}")
-    return found if result.live is None else _with_faults(found, result)
-
-
-def _with_faults(found: Verdict, session: Result) -> Verdict:
-    figures = recorded_faults(session).figures
+    if result.live is None:
+        return found
+    figures = recorded_faults(result).figures
     over = over_limits(figures, {fault.name: fault.limit for fault in SESSION_FAULTS})
     if not over:
         return found
@@ -156,7 +154,7 @@ def _with_faults(found: Verdict, session: Result) -> Verdict:
     return replace(
         found,
         word=MISSED,
-        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(session)}.", *found.sentences),
+        sentences=(f"Over the limits of a session: {listed}. It ended so: {how_it_ended(result)}.", *found.sentences),
         missed=(*found.missed, *over),
         line=f"{MISSED}: {listed}. {found.line[:1].upper()}{found.line[1:]}",
     )

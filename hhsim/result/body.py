@@ -1,14 +1,19 @@
-"""Bodies of a result: what hands touch, each fixed, driven or free."""
+"""Bodies of a result: what hands touch, each fixed, driven or free, and the contacts of the first one.
 
-from collections.abc import Mapping
+/contact is one table for all pairs; here is what touches the first body as one hand counts, too.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
+from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.schema import BODIES, TICK
+from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK
 
 if TYPE_CHECKING:
     from hhsim.result.reader import Result
@@ -18,7 +23,7 @@ if TYPE_CHECKING:
 class Body:
     """Body of a result, to be written or read; `body["velocity"]` is that dataset of its ticks, in the world."""
 
-    kind: str  # one of `hhsim.result.schema.BODY_KINDS`
+    kind: str  # fixed, driven (as recorded) or free (by the forces on it)
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
     columns: tuple[str, ...] = ()  # names of the datasets of its ticks, of `BODY_COLUMNS`; none where it stands still
     # Mass, friction and so on in a scene with a free body; else its joint, if any.
@@ -89,3 +94,52 @@ class Body:
     def moved(self, rows: slice = slice(None)) -> RigidMotion:
         """Compute the motion from where mesh and tree are to where it is at some ticks, world."""
         return self.poses(rows).since(*self.place)
+
+
+ON_TABLE = -1
+"""Code of the table as a hand counts bodies; -2 - k is the body of number k, touched by the first one."""
+
+
+def contact_names(hands: Sequence[str], bodies: Sequence[str]) -> list[str]:
+    """Names of contacts' bodies by code, as `a` and `b` have it: 16 bodies of each hand, the table, then the bodies."""
+    of_hand = [*(f"{finger}/{phalanx}" for finger in FINGERS for phalanx in PHALANX_NAMES), "palm"]
+    return [*(f"{hand}/{part}" for hand in hands for part in of_hand), TABLE, *bodies]
+
+
+def pair_codes(body: IntArray, hands: int) -> dict[str, AnyArray]:
+    """Return the columns `a` and `b` of /contact for contacts of the first body.
+
+    `body` is what touches it, coded as in `Contacts` by the first of `hands` hands. `a` is the hand's body where a hand
+    touches, else the first body.
+    """
+    table = HAND_BODIES * hands
+    first = np.full(len(body), table + 1)
+    return {"a": np.where(body >= 0, body, first), "b": np.where(body >= 0, first, table - 1 - body)}
+
+
+class Contacts:
+    """Columns of /contact by name; `body` is what touches the first body, as one hand counts.
+
+    0 to 14 are its phalanges, finger by finger, 15 its palm, 16 to 31 those of the other hand; -1 is the table, -2 - k
+    the body of number k.
+    """
+
+    def __init__(self, result: "Result") -> None:
+        self._result = result
+
+    def __getitem__(self, name: str) -> AnyArray:
+        result = self._result
+        if name != "body":
+            return result[f"{CONTACT}/{name}"]
+        hands = list(result.hands)
+        table, own = HAND_BODIES * len(hands), HAND_BODIES * hands.index(result.name)
+        a, b = (np.asarray(result[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
+        return np.where(a < table, (a - own) % table, table - 1 - b)
+
+
+def known_pairs(names: str, a: IntArray, b: IntArray, hands: Sequence[str], bodies: Sequence[str]) -> bool:
+    """Return True if the codes of contacts are pairs of the first body with a hand, the table or another body."""
+    table = HAND_BODIES * len(hands)
+    of_hand = (a >= 0) & (a < table) & (b == table + 1)
+    of_body = (a == table + 1) & (b >= table) & (b != table + 1) & (b <= table + len(bodies))
+    return json.loads(names) == contact_names(hands, bodies) and bool((of_hand | of_body).all())

@@ -2,13 +2,12 @@
 
 import csv
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from hhsim.errors import OutputError, UnknownNameError
 from hhsim.result.labelled import SIZES, sizes, tick_columns
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.result.schema import Column
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.output_path import begins_with, check_output_path
 from hhsim.system.progress import Progress, silent
@@ -47,8 +46,12 @@ def export_ticks(
     for name in wanted:
         if name not in known:
             raise UnknownNameError("dataset", name, known)
-    chosen = [known[name] for name in wanted]
-    headings = tuple(heading for column in chosen for heading in column_headings(column))
+        headings: list[str] = []
+    for column in (known[name] for name in wanted):
+        unit = "" if column.units in ("", "1") else f" [{column.units}]"
+        for index in itertools.product(*(range(size) for size in column.shape)):
+            place = f"[{','.join(map(str, index))}]" if index else ""
+            headings.append(f"{column.name}{place}{unit}")
     try:
         with partial_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
             table = csv.writer(file, lineterminator="\n")
@@ -64,12 +67,4 @@ def export_ticks(
                 first += len(flat[0])
     except OSError as error:
         raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-    return headings
-
-
-def column_headings(column: Column) -> Iterator[str]:
-    """Yield a heading for each element of a column, with its unit: `force/total[0] [N]`."""
-    unit = "" if column.units in ("", "1") else f" [{column.units}]"
-    for index in itertools.product(*(range(size) for size in column.shape)):
-        place = f"[{','.join(map(str, index))}]" if index else ""
-        yield f"{column.name}{place}{unit}"
+    return tuple(headings)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import Phase, Trajectory
@@ -39,10 +39,8 @@ def load_result_motion(path: Path, side: str = "") -> Trajectory:
             f"{path}: its hand moves beside several bodies, which a motion does not carry; expected a result of "
             f"one body (hhsim replay {path} runs its ticks again)"
         )
-    try:
+    with named(path):
         return _replay(result) if result.live is None else _session(result)
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None
 
 
 def _replay(result: Result) -> Trajectory:

@@ -17,8 +17,7 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.model import SIDES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
-from hhsim.result.body import Body
-from hhsim.result.contacts import Contacts, known_pairs
+from hhsim.result.body import Body, Contacts, known_pairs
 from hhsim.result.labelled import as_dataset, coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
@@ -587,7 +586,11 @@ def _check_format(file: h5py.File, path: Path) -> None:
         raise InputError(f"{path} is no result file: {what}, not '{schema.FORMAT}'{_HINTS.get(str(found), '')}")
     version = file.attrs.get("schema_version")
     if version != schema.SCHEMA_VERSION:
-        raise InputError(f"{path} {schema.wrong_schema(version)}")
+        says = f"is a result of schema {version}; this hhsim reads schema {schema.SCHEMA_VERSION} alone: make it anew"
+        if isinstance(version, int | np.integer) and version > schema.SCHEMA_VERSION:
+            reads = f"schema {version}; this one reads {schema.SCHEMA_VERSION}"
+            says = f"was written by a newer hhsim ({reads}): upgrade hhsim"
+        raise InputError(f"{path} {says}")
 
 
 def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple[int, ...]) -> None:

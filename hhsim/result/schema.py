@@ -6,7 +6,7 @@ A result holds all that a run needs, so that it can be run again from nothing el
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,6 @@ HANDS = "hands"
 """Group of the hands, `hands/right` and `hands/left`: each with its model, and its ticks."""
 BODIES = "bodies"
 """Group of the bodies by their names: each with its mesh, its tree, and its ticks where it moves."""
-BODY_KINDS = ("fixed", "driven", "free")
-"""Ways in which a body moves: not at all, as recorded, or by the forces on it."""
 TICK = "tick"
 """Group of the ticks of a file, of a hand or of a body."""
 TREE_ARRAYS = ("center", "radius", "level", "parent")
@@ -97,25 +95,25 @@ _KNOWN_BY = {
 
 
 def _columns(table: str) -> tuple[Column, ...]:
-    """Return the columns of a table, a line each: name, shape (n: any size), type, unit, meaning, and source if any.
+    """Return the columns of a table, a line each: name, shape, type, unit, meaning, and source if any.
 
-    A line that is indented further goes on with the one before.
+    A shape `-` is of one value, `n` any size. A line that is indented further goes on with the one before.
     """
     found: list[Column] = []
     for line in re.sub(r"\n {5,}", " ", table).strip().splitlines():
         name, size, kind, units, long_name, *source = (part.strip() for part in line.split("|"))
-        shape = () if size == "1" else tuple(-1 if each == "n" else int(each) for each in size.split())
+        shape = () if size == "-" else tuple(-1 if each == "n" else int(each) for each in size.split())
         dtype = kind if kind.startswith("S") else f"{'|' if kind == 'u1' else '<'}{kind}"
         found.append(Column(name, shape, dtype, units, long_name, *source))
     return tuple(found)
 
 
 TICK_COLUMNS = _columns("""
-    time                   | 1     | f8 | s     | time of the tick since the start of the trajectory
-    input_seq              | 1     | i8 | 1     | number of the input sample that the tick used, from 0 | input_seq
-    status                 | 1     | i4 | 1     | 0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16
+    time                   | -     | f8 | s     | time of the tick since the start of the trajectory
+    input_seq              | -     | i8 | 1     | number of the input sample that the tick used, from 0 | input_seq
+    status                 | -     | i4 | 1     | 0 settled; flags: 1 stuck, 2 lag, 4 input held, 8 began inside, 16
         full, 32 abduction held, 64 no place, 128 snap | status
-    lag                    | 1     | f8 | m     | distance that the hand still had to go when the tick's budget ended
+    lag                    | -     | f8 | m     | distance that the hand still had to go when the tick's budget ended
         | lag
     haptic/position        | 3     | f8 | m     | palm centre of the haptic (measured) hand, world | haptic_position
     haptic/orientation     | 4     | f8 | 1     | palm orientation of the haptic (measured) hand, unit quaternion w x y
@@ -133,8 +131,8 @@ TICK_COLUMNS = _columns("""
         side | abduction
     graphic/joints         | 5 4 3 | f8 | m     | joint and tip positions of the graphic hand, proximal first, world
         | joints
-    penetration_depth      | 1     | f8 | m     | deepest penetration of any hand body into any object leaf sphere
-    penetration_palm       | 1     | f8 | m     | deepest penetration of the palm
+    penetration_depth      | -     | f8 | m     | deepest penetration of any hand body into any object leaf sphere
+    penetration_palm       | -     | f8 | m     | deepest penetration of the palm
     penetration_finger     | 5     | f8 | m     | deepest penetration of each finger; NaN: not modelled
     force/phalanx          | 5 3 3 | f8 | N     | contact force on each phalanx, finger by phalanx, world | phalanx
     force/fingertip_normal | 5 3   | f8 | N     | normal force at each fingertip, world | fingertip_normal
@@ -142,27 +140,27 @@ TICK_COLUMNS = _columns("""
         1), world; of method paper that of each Euler angle of the palm
         | palm_wrench
     force/total            | 3     | f8 | N     | sum of all contact forces on the hand, world | total
-    force_variation_rate   | 1     | f8 | %     | one-tick change of the total force's size; NaN below 0.01 N
+    force_variation_rate   | -     | f8 | %     | one-tick change of the total force's size; NaN below 0.01 N
     force_variation_finger | 5     | f8 | %     | one-tick change of each finger's force size; NaN below 0.01 N
-    duration/detect        | 1     | i8 | ns    | wall time of contact detection | duration.detect
-    duration/palm          | 1     | i8 | ns    | time of the palm's (or whole hand's) optimisation; of a method from
+    duration/detect        | -     | i8 | ns    | wall time of contact detection | duration.detect
+    duration/palm          | -     | i8 | ns    | time of the palm's (or whole hand's) optimisation; of a method from
         outside, what it reports | duration.palm
-    duration/fingers       | 1     | i8 | ns    | wall time of the fingers' optimisation | duration.fingers
-    duration/force         | 1     | i8 | ns    | wall time of the forces | duration.force
-    duration/total         | 1     | i8 | ns    | wall time of the whole tick | duration_total
-    duration/total_cpu     | 1     | i8 | ns    | CPU time of the whole tick, of all its threads | duration_cpu
-    contacts/candidates    | 1     | i8 | 1     | candidate pairs: within the margin | work.candidates
-    contacts/touching      | 1     | i8 | 1     | pairs within 10 µm of each other after the tick | work.touching
-    work/node_tests        | 1     | i8 | 1     | sphere-tree nodes tested | work.node_tests
-    work/pair_tests        | 1     | i8 | 1     | exact distances between a hand body and a leaf sphere
+    duration/fingers       | -     | i8 | ns    | wall time of the fingers' optimisation | duration.fingers
+    duration/force         | -     | i8 | ns    | wall time of the forces | duration.force
+    duration/total         | -     | i8 | ns    | wall time of the whole tick | duration_total
+    duration/total_cpu     | -     | i8 | ns    | CPU time of the whole tick, of all its threads | duration_cpu
+    contacts/candidates    | -     | i8 | 1     | candidate pairs: within the margin | work.candidates
+    contacts/touching      | -     | i8 | 1     | pairs within 10 µm of each other after the tick | work.touching
+    work/node_tests        | -     | i8 | 1     | sphere-tree nodes tested | work.node_tests
+    work/pair_tests        | -     | i8 | 1     | exact distances between a hand body and a leaf sphere
         | work.pair_tests
-    work/qp_iterations     | 1     | i8 | 1     | active-set changes, all problems of the tick | work.qp_iterations
-    work/linearisations    | 1     | i8 | 1     | times that the contacts were linearised | work.linearisations
-    work/rows              | 1     | i8 | 1     | most contacts in a program, those that others imply left out
+    work/qp_iterations     | -     | i8 | 1     | active-set changes, all problems of the tick | work.qp_iterations
+    work/linearisations    | -     | i8 | 1     | times that the contacts were linearised | work.linearisations
+    work/rows              | -     | i8 | 1     | most contacts in a program, those that others imply left out
         | work.rows
-    work/bodies            | 1     | i8 | 1     | most hand bodies, of 16, within the margin of the object
+    work/bodies            | -     | i8 | 1     | most hand bodies, of 16, within the margin of the object
         | work.bodies
-    work/units             | 1     | i8 | 1     | work of the tick, weighted; about a nanosecond each | work.units
+    work/units             | -     | i8 | 1     | work of the tick, weighted; about a nanosecond each | work.units
 """)
 """Datasets of a hand at the ticks: the time under /tick, the others under its own `tick`."""
 TIME = TICK_COLUMNS[0]
@@ -174,8 +172,8 @@ def hand_columns() -> tuple[Column, ...]:
 
 
 BETWEEN_COLUMNS = _columns("""
-    between/haptic  | 1 | f8 | m | least signed distance of the two haptic hands, negative inside
-    between/graphic | 1 | f8 | m | least signed distance of the two graphic hands, negative inside
+    between/haptic  | - | f8 | m | least signed distance of the two haptic hands, negative inside
+    between/graphic | - | f8 | m | least signed distance of the two graphic hands, negative inside
 """)
 """Datasets under /tick of two hands."""
 
@@ -196,9 +194,9 @@ MOTION_COLUMNS = _columns("""
 OF_BODIES = Column("body_wrench", (6,), "<f8", "N,N·m", "the same of the other bodies")
 """Further one of each where there are several."""
 FREE_COLUMNS = _columns("""
-    table_distance    | 1 | f8 | m | lowest point of the body above the table, negative inside; infinite without a
+    table_distance    | - | f8 | m | lowest point of the body above the table, negative inside; infinite without a
         table | table_distance
-    friction_residual | 1 | f8 | m | how far the slip that friction was balanced against is off the slip made, the
+    friction_residual | - | f8 | m | how far the slip that friction was balanced against is off the slip made, the
         worst contact of all bodies: μ times its way | friction_residual
 """)
 """Further ones of the first body, if it is free."""
@@ -219,16 +217,16 @@ HAND_BODIES = 16
 TABLE = "table"
 
 CONTACT_COLUMNS = _columns("""
-    tick             | 1 | i8 | 1   | tick that the contact bears a force in, from 0
-    a                | 1 | i4 | 1   | body on which the stated forces are, by its place in the attribute names
-    b                | 1 | i4 | 1   | body that exerts them, likewise
+    tick             | - | i8 | 1   | tick that the contact bears a force in, from 0
+    a                | - | i4 | 1   | body on which the stated forces are, by its place in the attribute names
+    b                | - | i4 | 1   | body that exerts them, likewise
     point            | 3 | f8 | m   | where it touches, world | point
     normal           | 3 | f8 | 1   | unit, from b to a, world | normal
-    normal_force     | 1 | f8 | N   | along the normal, on a | normal_force
+    normal_force     | - | f8 | N   | along the normal, on a | normal_force
     friction_force   | 3 | f8 | N   | along the surface, on a, world | friction_force
-    torsional_moment | 1 | f8 | N·m | about the normal, on a | torsional_moment
-    slip             | 1 | f8 | m   | way along the surface in this tick | slip
-    sticks           | 1 | u1 | 1   | 1 where it slips by no more than 1 nm in the tick
+    torsional_moment | - | f8 | N·m | about the normal, on a | torsional_moment
+    slip             | - | f8 | m   | way along the surface in this tick | slip
+    sticks           | - | u1 | 1   | 1 where it slips by no more than 1 nm in the tick
 """)
 """Datasets under /contact, one row for each contact that bears a force, in the order of the ticks."""
 
@@ -275,67 +273,63 @@ SKIN_COLUMNS = _columns("""
 """Datasets under `hands/NAME/skin`; pictures show the skin in place of the phalanges and the palm."""
 
 LIVE_TICK_COLUMNS = _columns("""
-    record            | 1 | i8 | 1  | number of the tick's record since the loop began; a gap: records that were lost
-    period            | 1 | i8 | 1  | number of the tick's period since the loop began; a gap: periods without a tick
+    record            | - | i8 | 1  | number of the tick's record since the loop began; a gap: records that were lost
+    period            | - | i8 | 1  | number of the tick's period since the loop began; a gap: periods without a tick
         | tick
-    deadline          | 1 | i8 | ns | CLOCK_MONOTONIC at which the tick was due | time_ns
-    early             | 1 | i8 | ns | how long before its period's end that was, since a sample had come; 0: none had
+    deadline          | - | i8 | ns | CLOCK_MONOTONIC at which the tick was due | time_ns
+    early             | - | i8 | ns | how long before its period's end that was, since a sample had come; 0: none had
         | early_ns
-    wakeup            | 1 | i8 | ns | how long after the deadline that was slept for, or its own, the tick began
+    wakeup            | - | i8 | ns | how long after the deadline that was slept for, or its own, the tick began
         | wakeup_ns
-    latency           | 1 | i8 | ns | from the newest sample's bytes read to the command handed over; -1: no new sample
+    latency           | - | i8 | ns | from the newest sample's bytes read to the command handed over; -1: no new sample
         | latency_ns
-    missed            | 1 | i8 | 1  | periods without a tick right before this one | missed
-    at_once           | 1 | u1 | 1  | 1: the work before ended in this period, and the tick began without a sleep
+    missed            | - | i8 | 1  | periods without a tick right before this one | missed
+    at_once           | - | u1 | 1  | 1: the work before ended in this period, and the tick began without a sleep
         | at_once
-    safety            | 1 | i8 | 1  | why the fingers were kept free, sum of bits; 0: they were not | safety
+    safety            | - | i8 | 1  | why the fingers were kept free, sum of bits; 0: they were not | safety
     command_bend      | 5 | f8 | 1  | where each finger was told to stop, 0 flat to 1 fist | command_bend
     command_stiffness | 5 | f8 | 1  | how hard, 0 free to 1 | command_stiffness
-    cause             | 1 | u1 | 1  | who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the
+    cause             | - | u1 | 1  | who took the time of the periods missed: 1 computed too long, 2 woken late, 3 the
         host, 4 the device; 0: none | cause
-    taken/computed    | 1 | i8 | ns | where periods were missed, CPU time of the loop since the wake-up before
+    taken/computed    | - | i8 | ns | where periods were missed, CPU time of the loop since the wake-up before
         | taken.computed
-    taken/kept        | 1 | i8 | ns | where periods were missed, time since the deadline before that it neither ran nor
+    taken/kept        | - | i8 | ns | where periods were missed, time since the deadline before that it neither ran nor
         slept as it had asked to | taken.kept
-    taken/run_delay   | 1 | i8 | ns | where periods were missed, how long of it the loop could have run and was not let
+    taken/run_delay   | - | i8 | ns | where periods were missed, how long of it the loop could have run and was not let
         | taken.run_delay
-    taken/steal       | 1 | i8 | ns | where periods were missed, time that the host took, in the system's steps
+    taken/steal       | - | i8 | ns | where periods were missed, time that the host took, in the system's steps
         | taken.steal
-    taken/device      | 1 | i8 | ns | where periods were missed, time of the calls to the glove and the pose
+    taken/device      | - | i8 | ns | where periods were missed, time of the calls to the glove and the pose
         | taken.device
 """)
 """Datasets under `hands/NAME/live/tick`, one row a tick."""
 
 EVENT_COLUMNS = _columns("""
-    time  | 1 | i8   | ns | CLOCK_MONOTONIC of the event | time_ns
-    level | 1 | i8   | 1  | 0 information, 1 warning, 2 fault | level
-    text  | 1 | S240 | 1  | what happened, UTF-8 | text
+    time  | - | i8   | ns | CLOCK_MONOTONIC of the event | time_ns
+    level | - | i8   | 1  | 0 information, 1 warning, 2 fault | level
+    text  | - | S240 | 1  | what happened, UTF-8 | text
 """)
 """Datasets under `hands/NAME/live/event`."""
 INFORMATION, WARNING, FAULT = 0, 1, 2
 """Levels of an event."""
 
 
-SAMPLE_COLUMNS = _columns("""
-    record      | 1   | i8 | 1   | number of the sample's record since the loop began; a gap: records lost
-    seq         | 1   | i8 | 1   | number of the sample since the glove was opened, from 0 | seq
-    time        | 1   | i8 | ns  | CLOCK_MONOTONIC when its bytes were read | time_ns
-    handed      | 1   | i8 | ns  | CLOCK_MONOTONIC right before the loop could take it | handed_ns
-    device_time | 1   | i8 | ns  | as the glove stamped it; -1: it does not | device_time_ns
-    device_seq  | 1   | i8 | 1   | as the glove numbered it; -1: it does not | device_seq
-    battery     | 1   | i8 | %   | charge; -1: unknown | battery
-    good        | 1   | u1 | 1   | 1: finite and in range; others were never used | good
-    channel     | n   | f8 | 1   | channels as the glove sent them; names and unit: /live
+def sample_columns(channels: int) -> tuple[Column, ...]:
+    """Return the datasets under `hands/NAME/live/sample`, one row for every sample, of a glove with some channels."""
+    size = "n" if channels < 0 else channels
+    return _columns(f"""
+    record      | -   | i8 | 1   | number of the sample's record since the loop began; a gap: records lost
+    seq         | -   | i8 | 1   | number of the sample since the glove was opened, from 0 | seq
+    time        | -   | i8 | ns  | CLOCK_MONOTONIC when its bytes were read | time_ns
+    handed      | -   | i8 | ns  | CLOCK_MONOTONIC right before the loop could take it | handed_ns
+    device_time | -   | i8 | ns  | as the glove stamped it; -1: it does not | device_time_ns
+    device_seq  | -   | i8 | 1   | as the glove numbered it; -1: it does not | device_seq
+    battery     | -   | i8 | %   | charge; -1: unknown | battery
+    good        | -   | u1 | 1   | 1: finite and in range; others were never used | good
+    channel     | {size} | f8 | 1   | channels as the glove sent them; names and unit: /live
     flexion     | 5 3 | f8 | rad | flexion, finger by joint, positive curls | flexion
     abduction   | 5   | f8 | rad | abduction, positive towards the thumb side | abduction
 """)
-"""Datasets under `hands/NAME/live/sample`, one row for every sample of a glove."""
-
-
-def sample_columns(channels: int) -> tuple[Column, ...]:
-    """Return `SAMPLE_COLUMNS` of a glove with a number of channels."""
-    sized = {column.name: column for column in SAMPLE_COLUMNS}
-    return tuple((sized | {"channel": replace(sized["channel"], shape=(channels,))}).values())
 
 
 TICK_FIELDS = (
@@ -397,10 +391,3 @@ def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[
     """Return columns of `TICK_COLUMNS` by the groups of a file that they are written to."""
     of_hand = {column.name: block[column.name] for column in hand_columns()}
     return {TICK: {TIME.name: block[TIME.name]}, f"{HANDS}/{side}/{TICK}": of_hand}
-
-
-def wrong_schema(version: Any) -> str:
-    """Message on a result of another schema, to follow its path."""
-    if isinstance(version, int | np.integer) and version > SCHEMA_VERSION:
-        return f"was written by a newer hhsim (schema {version}; this one reads {SCHEMA_VERSION}): upgrade hhsim"
-    return f"is a result of schema {version}; this hhsim reads schema {SCHEMA_VERSION} alone: make it anew"

@@ -1,7 +1,6 @@
 """Hand stored in a result file."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -29,16 +28,12 @@ def sphere_tree_of(arrays: Mapping[str, AnyArray], group: str) -> SphereTree:
 def result_hand(result: Result) -> HandModel:
     """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it); InputError for no hand."""
     arrays = {name.removeprefix("hand/"): array for name, array in result.static.items()}
-    return hand_of_arrays(arrays, result.scene["hand"], str(result.path))
-
-
-def hand_of_arrays(arrays: Mapping[str, AnyArray], sizes: Mapping[str, Any], source: str) -> HandModel:
-    """Build a hand of the arrays of `HAND_STATIC`, unchecked; InputError for no hand."""
+    sizes, surface = result.scene["hand"], (arrays["palm_mesh/vertices"], arrays["palm_mesh/faces"])
     return HandModel(
         side=sizes["side"],
         hand_length=sizes["length"],
         hand_breadth=sizes["breadth"],
-        palm_mesh=Mesh(arrays["palm_mesh/vertices"], arrays["palm_mesh/faces"], name="palm", source=source),
+        palm_mesh=Mesh(*surface, name="palm", source=str(result.path)),
         palm_tree=sphere_tree_of(arrays, "palm_tree"),
         **{name: np.array(arrays[stored]) for name, stored in HAND_ARRAYS.items()},
     )

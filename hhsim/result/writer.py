@@ -11,7 +11,7 @@ import json
 import math
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -24,8 +24,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
-from hhsim.result.body import Body
-from hhsim.result.contacts import contact_names
+from hhsim.result.body import Body, contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
@@ -145,7 +144,7 @@ class ResultWriter:
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
         """
-        blocks = {group: _rows(of, self._tables[group].columns) for group, of in tables.items() if of}
+        blocks = {group: _checked(of, self._tables[group].columns, rows=True) for group, of in tables.items() if of}
         counts = {_count(arrays) for group, arrays in blocks.items() if schema.TICK in group.split("/")}
         if len(counts) > 1:
             raise ValueError(f"tables of the ticks hold different numbers of them: {sorted(counts)}")
@@ -223,7 +222,7 @@ class ResultWriter:
 
     def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
         """Write arrays that do not change with time, and return their group."""
-        arrays = _checked(static, columns, lambda column: column.shape)
+        arrays = _checked(static, columns)
         self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
         for column in columns:
             _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=arrays[column.name]), column)
@@ -290,7 +289,7 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
 
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
-    arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS, lambda column: column.shape)
+    arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS)
     with _output_errors(path), partial_file(path) as partial:
         shutil.copyfile(path, partial)
         with _amended(partial) as file:
@@ -368,25 +367,14 @@ class _Table:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
 
 
-def _rows(arrays: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> dict[str, AnyArray]:
-    """Convert the rows of a table to the file's types; all columns have the same length."""
-    rows = _checked(arrays, columns, lambda column: (-1, *column.shape))
-    counts = {len(array) for array in rows.values()}
-    if len(counts) != 1:
-        raise ValueError(f"a block's arrays hold different numbers of ticks: {sorted(counts)}")
-    return rows
-
-
 def _count(arrays: Mapping[str, AnyArray]) -> int:
     return len(next(iter(arrays.values())))
 
 
 def _checked(
-    arrays: Mapping[str, AnyArray],
-    columns: Sequence[schema.Column],
-    shape_of: Callable[[schema.Column], tuple[int, ...]],
+    arrays: Mapping[str, AnyArray], columns: Sequence[schema.Column], *, rows: bool = False
 ) -> dict[str, AnyArray]:
-    """Convert each column's array to the file's type; raise ValueError for a caller's wrong arrays."""
+    """Convert each column's array, or rows of it, to the file's type; raise ValueError for a caller's wrong arrays."""
     names = {column.name for column in columns}
     if arrays.keys() != names:
         raise ValueError(
@@ -395,9 +383,12 @@ def _checked(
     checked = {}
     for column in columns:
         array = np.ascontiguousarray(arrays[column.name], dtype=_stored_type(column))
-        if not fits(array.shape, shape_of(column)):
-            raise ValueError(f"{column.name} has shape {array.shape}, expected {spelled(shape_of(column))}")
+        shape = (-1, *column.shape) if rows else column.shape
+        if not fits(array.shape, shape):
+            raise ValueError(f"{column.name} has shape {array.shape}, expected {spelled(shape)}")
         checked[column.name] = array
+    if rows and len({len(array) for array in checked.values()}) != 1:
+        raise ValueError("a block's arrays hold different numbers of ticks")
     return checked
 
 

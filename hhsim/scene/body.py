@@ -4,7 +4,7 @@ Poses, axes and points are in the world [m]: those of a body that moves are of t
 alone are in the frame of the body, which `position` and `orientation` place in the world.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -272,10 +272,6 @@ class Body:
     friction: float = USUAL_FRICTION  # μ with hands; of two bodies it is the geometric mean of both
     torsion: float = 0.0  # largest torsional moment of a contact over its normal force [m]; 0: none
 
-    def __post_init__(self) -> None:
-        for name in ("friction", "torsion"):
-            check_range(name, getattr(self, name))
-
     @cached_property
     def placed_mesh(self) -> Mesh:
         """Mesh at the first tick [m], world."""
@@ -295,11 +291,6 @@ class HalfSpace:
     height: float  # of its surface [m], world
     friction: float | None = None  # μ with bodies; None: each body's own
 
-    def __post_init__(self) -> None:
-        check_range("table", self.height)
-        if self.friction is not None:
-            check_range("table_friction", self.friction)
-
 
 def check_names(names: Sequence[str]) -> None:
     """Raise InputError for two bodies of one name, or one with the name of a hand, which pairs of contacts have too."""
@@ -314,16 +305,6 @@ def triple(values: ArrayLike) -> Triple:
     """Return three numbers as a tuple."""
     x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
-
-
-def require_no_circle(bearers: Mapping[str, str], expected: str) -> None:
-    """Raise InputError for joints in a circle; `bearers` has what each hangs on, `expected` ends the message."""
-    for name in bearers:
-        chain = [name]
-        while on := bearers.get(chain[-1]):
-            chain.append(on)
-            if on in chain[:-1]:
-                raise InputError(f"joints in a circle: {' on '.join(chain[chain.index(on) :])}; expected {expected}")
 
 
 def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:

@@ -14,8 +14,8 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.ranges import RANGES
 from hhsim.reproducible import norm
-from hhsim.scene.body import LEAST_LENGTH, Joint, Number, Three, check_names, require_no_circle
-from hhsim.system.settings_file import Settings, between, read_settings
+from hhsim.scene.body import LEAST_LENGTH, Joint, Number, Three, check_names
+from hhsim.system.settings_file import Settings, between
 
 Drive: TypeAlias = Callable[[FloatArray], ObjectMotion]
 """Poses of a body's frame in that of its file at some times [s], shape (T,)."""
@@ -133,8 +133,13 @@ class BodyFile(Settings, frozen=True):
         solid = {body.name: body for body in self.body if body.plane is None}
         bearers = {body.name: body.bearer for body in self.body if body.bearer}
         check_known("body", bearers.values(), solid)
-        require_no_circle(bearers, "one body that hangs on no other")
         for name, on in bearers.items():
+            chain = [name]
+            while bearer := bearers.get(chain[-1]):
+                chain.append(bearer)
+                if bearer in chain[:-1]:
+                    circle = " on ".join(chain[chain.index(bearer) :])
+                    raise InputError(f"joints in a circle: {circle}; expected one body that hangs on no other")
             if solid[on].is_free and not solid[name].is_free:
                 raise InputError(f"body '{name}' is driven on '{on}', which is free; expected one that is not")
         planes = [body.name for body in self.body if body.plane is not None]
@@ -144,8 +149,3 @@ class BodyFile(Settings, frozen=True):
             raise InputError(f"body '{names[0]}' is a plane; expected a body with a mesh or a box, too")
         if any(body.is_free for body in self.body) and len(solid) > MOST_BODIES:
             raise InputError(f"{len(solid)} bodies, of which some are free; expected up to {MOST_BODIES}")
-
-
-def read_body_file(path: Path) -> BodyFile:
-    """Read bodies from TOML; InputError names what is wrong and what would be right."""
-    return read_settings(path, BodyFile, "file of bodies")

@@ -69,13 +69,6 @@ def object_regions(name: str) -> dict[str, Region]:
     return typed(object_description(name).get("regions", {}), dict[str, Region], f"objects/{name}.toml: regions")
 
 
-def object_region(name: str, region: str) -> Region:
-    """Return one region of a catalogue object; UnknownNameError without such an object or region."""
-    known = object_regions(name)
-    check_known(f"region of the {name}", [region], known)
-    return known[region]
-
-
 @dataclass(frozen=True)
 class Touch:
     """A finger or the palm, and the region that it must touch; `ANYWHERE` for any place."""
@@ -144,7 +137,8 @@ def _nearest(
         distance = round_cone_distance(center, a, b, radius_a, radius_b) - radius
     if touch.region == ANYWHERE:
         return float(distance.min())
-    region, nearest = object_region(object_name, touch.region), np.argsort(distance)
+    known, nearest = object_regions(object_name), np.argsort(distance)
+    check_known(f"region of the {object_name}", [touch.region], known)
     # Contact points cost more than distances, and the nearest leaves decide.
     for first in range(0, len(nearest), CHUNK):
         some = nearest[first : first + CHUNK]
@@ -152,7 +146,7 @@ def _nearest(
         _, points = (
             sphere_contact(*leaves, a, radius_a) if ball else round_cone_contact(*leaves, a, b, radius_a, radius_b)
         )
-        held = holds(region, points)
+        held = holds(known[touch.region], points)
         if held.any():
             return float(distance[some[held]].min())
     return np.inf

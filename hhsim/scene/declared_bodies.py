@@ -34,9 +34,10 @@ from hhsim.scene.body import (
     composed,
     triple,
 )
-from hhsim.scene.body_file import BodyFile, BodySettings, Drive, read_body_file
+from hhsim.scene.body_file import BodyFile, BodySettings, Drive
 from hhsim.scene.linkage_bodies import linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
+from hhsim.system.settings_file import read_settings
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -119,17 +120,19 @@ class DeclaredBodies:
 
         A free one is where it begins. Poses of equal values of the joints are equal to the bit.
         """
-        values, known = self.values(time), dict[str, ObjectMotion]()
-        waiting = list(self.solids)
-        while waiting:
-            body = next(one for one in waiting if not one.bearer or one.bearer in known)
-            waiting.remove(body)
-            own = self._relative(body, time + self.began)
-            known[body.name] = composed(known[body.bearer], own) if body.bearer else own
+        bodies, known = {body.name: body for body in self.solids}, dict[str, ObjectMotion]()
+
+        def placed(body: BodySettings) -> ObjectMotion:
+            if body.name not in known:
+                own = self._relative(body, time + self.began)
+                known[body.name] = composed(placed(bodies[body.bearer]), own) if body.bearer else own
+            return known[body.name]
+
+        path = {name: placed(body) for name, body in bodies.items()}
         if self.drives:
-            return {body.name: known[body.name] for body in self.solids}
-        rows = held_rows(np.stack([*values.values(), np.zeros(len(time))], axis=1))
-        return {body.name: known[body.name].at(rows) for body in self.solids}
+            return path
+        rows = held_rows(np.stack([*self.values(time).values(), np.zeros(len(time))], axis=1))
+        return {name: poses.at(rows) for name, poses in path.items()}
 
     def _relative(self, body: BodySettings, time: FloatArray) -> ObjectMotion:
         """Return the poses of a body in the frame of the one that bears it, or of the file."""
@@ -265,7 +268,7 @@ def _require_apart(bodies: DeclaredBodies) -> None:
 def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodies:
     """Return the bodies of a TOML file; a script that moves joints does so in place of the file's motions."""
     path = Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
-    bodies = read_body_file(path).body
+    bodies = read_settings(path, BodyFile, "file of bodies").body
     joints = {body.name: body.joint.read(path.parent) for body in bodies if body.joint}
     motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     with named(word):

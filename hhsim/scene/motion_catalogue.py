@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known, named
+from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import MENDED, marked
 from hhsim.motion.trajectory import UNCHECKED, HandSide, Trajectory
@@ -40,7 +41,7 @@ ORDER = (
 
 
 class TrajectoryDescription(NamedTuple):
-    """Entry of the catalogue: duration [s], rate [Hz], fingers that close, names of phases.
+    """Entry of the catalogue: duration [s], rate [Hz], fingers that close (of a recording all), names of phases.
 
     `objects` are those that it is made for, empty for any; `figures` are the paper's that show it; `line` is a command
     that shows it within all limits.
@@ -120,7 +121,7 @@ def describe(name: str) -> TrajectoryDescription:
     if name not in script_names():
         motion = _shipped_recording(name)
         title, line = f"Recorded from a real hand, {motion.device}", f"hhsim replay {USUAL_OBJECT} {name}"
-        about = title, motion.source, motion.duration, motion.mean_rate, (), ()
+        about = title, motion.source, motion.duration, motion.mean_rate, FINGERS, ()
         return TrajectoryDescription(name, *about, objects=(USUAL_OBJECT,), figures=(), line=line)
     found = load_script(name)
     # `show` is an object and options.
@@ -218,7 +219,5 @@ def clean_imported(path: Path, recording: "Recording") -> Trajectory:
     """Make the motion of a recording; TrajectoryError, which names the file, for one that cannot be cleaned safely."""
     from hhsim.recordings.cleaning import clean_recording
 
-    try:
+    with named(path):
         return clean_recording(recording).trajectory
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None

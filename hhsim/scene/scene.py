@@ -3,15 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import ResampleMode, TickInput, TickPhase, Trajectory, phase_names
+from hhsim.motion.trajectory import ResampleMode, TickInput, Trajectory
 from hhsim.scene.body import USUAL_FRICTION, Body, Driven, Free, HalfSpace, check_names
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
@@ -32,22 +31,6 @@ class Hand:
     model: HandModel
     trajectory: Trajectory  # motion as it was recorded or made
     ticks: TickInput  # the same at the tick rate
-
-
-class Ticks(NamedTuple):
-    """Times, phases and rate of the ticks, which all hands of a scene have in common."""
-
-    time: FloatArray  # k / rate [s], shape (N,)
-    phases: tuple[TickPhase, ...]
-    rate: float  # ticks a second [Hz]
-
-    def __repr__(self) -> str:
-        return f"Ticks({self.tick_count:,} at {self.rate:g} Hz{phase_names(self.phases)})"
-
-    @property
-    def tick_count(self) -> int:
-        """Number of ticks N."""
-        return len(self.time)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,10 +70,9 @@ class Scene:
         )
 
     @property
-    def ticks(self) -> Ticks:
-        """Times, phases and rate of the ticks."""
-        first = self.hands[0].ticks
-        return Ticks(first.time, first.phases, first.rate)
+    def ticks(self) -> TickInput:
+        """Ticks of the first hand, of which times, phases and rate are those of all."""
+        return self.hands[0].ticks
 
     @property
     def solids(self) -> tuple[Body, ...]:

@@ -137,6 +137,11 @@ def synthesize(
         position, orientation = moved.points(position), moved.orientations(orientation)
         place, turn = np.zeros((len(time), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
         object_motion = ObjectMotion(moved.points(place), moved.orientations(turn))
+    origin = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
+    if closure.missed:
+        origin.append(f"fingers that do not reach this object: {', '.join(closure.missed)}")
+    if not script.disturbance.is_off:
+        origin.append(f"{script.disturbance}, seed {seed}")
     return Trajectory(
         time=time,
         position=position,
@@ -146,7 +151,7 @@ def synthesize(
         abduction=np.tile(closure.abduction, (len(time), 1)),
         phases=course.phases,
         name=script.name,
-        source=_source(script, closure, hand, seed),
+        source="; ".join(origin),
         licence="Apache-2.0",
     )
 
@@ -170,15 +175,6 @@ def planned(
     closure = PlacedCloser(script, hand, tree).close(placement)
     closure.require_touch(script, "the object from its place")
     return closure
-
-
-def _source(script: Script, closure: FingerClosure, hand: HandModel, seed: int) -> str:
-    parts = [f"hhsim script '{script.name}' for a {hand.side} hand of {1000.0 * hand.hand_length:.0f} mm"]
-    if closure.missed:
-        parts.append(f"fingers that do not reach this object: {', '.join(closure.missed)}")
-    if not script.disturbance.is_off:
-        parts.append(f"{script.disturbance}, seed {seed}")
-    return "; ".join(parts)
 
 
 class _Course:

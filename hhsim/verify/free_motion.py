@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
-from hhsim.result.body import Body
-from hhsim.result.contacts import ON_TABLE
+from hhsim.result.body import ON_TABLE, Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.verify.contacts import PALM

@@ -84,7 +84,7 @@ def test_what_differs_is_told_by_names_and_in_units(result: Result, tmp_path: Pa
 
     assert beside(moved).sentence() == "Not comparable: not the same scene (trajectory)."
     door = beside(scene(object_name="door", object_mesh="0" * 64, unit="mm"))
-    assert door.scene == ("object: cylinder and door",), "the unit is that of the mesh file"
+    assert door.scene == ("object: cylinder and door", "unit: none and mm")
     assert beside(scene(motion="push")).scene == ("motion: short and push",)
     assert beside(scene(solver={**result.scene["solver"], "margin": 5e-4})).how == ("margin: 1 mm and 0.5 mm",)
     foreign = beside(elsewhere)

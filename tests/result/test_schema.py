@@ -15,6 +15,7 @@ from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.session.memory import EVENT, LIVE_TICK
+from hhsim.result.body import contact_names, pair_codes
 from hhsim.result.schema import (
     EVENT_COLUMNS,
     LIVE_TICK_COLUMNS,
@@ -114,3 +115,17 @@ def test_a_tick_of_bodies_has_rows_of_contacts_only_where_there_is_a_body() -> N
     for name in ("body", "point", "slip", "contact_body", "other_point"):
         assert none[name].shape[0] == 0 and two[name].shape[0] == 64
     assert none["turn"].shape == (0, 1, 4) and two["turn"].shape == (2, 1, 4)
+
+
+def test_a_contact_of_the_first_body_is_named_by_hand_and_body() -> None:
+    # The first phalanx of either hand, a palm, the table, and another body.
+    touching = np.array([0, 16, 31, -1, -3])
+    names = contact_names(("right", "left"), ("cup", "plate", "spoon"))
+    codes = pair_codes(touching, 2)
+    assert [(names[a], names[b]) for a, b in zip(codes["a"], codes["b"])] == [
+        ("right/thumb/proximal", "cup"),
+        ("left/thumb/proximal", "cup"),
+        ("left/palm", "cup"),
+        ("cup", "table"),
+        ("cup", "plate"),
+    ]

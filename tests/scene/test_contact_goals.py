@@ -6,29 +6,14 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import object_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
-from hhsim.scene.contact_goals import Touch, TouchTable, holds, object_region, object_regions, touch_distances
+from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, make_work
-from hhsim.system.settings_file import typed
 
 HAND = HandModel.default()
 TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
-
-
-@pytest.mark.parametrize(
-    ("table", "message"),
-    [
-        ("handle", "expected a table"),
-        ({"pinky": "handle"}, "unknown key 'pinky'"),
-        ({"thumb": ["handle", ""]}, r"thumb\[2\] = ''"),
-    ],
-)
-def test_what_is_no_touch_is_refused(table: object, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        typed(table, TouchTable, "x")
 
 
 def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -52,7 +37,7 @@ def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) 
             distance, places = round_cone_contact(
                 center[None], np.array([radius]), joints[2, k], joints[2, k + 1], *HAND.radius[2, k : k + 2]
             )
-            if holds(object_region("cup", "inside"), places)[0]:
+            if holds(object_regions("cup")["inside"], places)[0]:
                 best = min(best, float(distance[0]))
     assert found == pytest.approx(best, abs=1e-12)
     (anywhere,) = touch_distances([Touch("middle")], "cup", HAND, coarse, joints, position, rotation)
@@ -66,5 +51,5 @@ NAMED = [(name, region) for name in object_names() for region in object_regions(
 def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name: str, region: str) -> None:
     triangles = load_object(name).mesh.triangles
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    share = area[holds(object_region(name, region), triangles.mean(axis=1))].sum() / area.sum()
+    share = area[holds(object_regions(name)[region], triangles.mean(axis=1))].sum() / area.sum()
     assert 0.005 < share < 0.75

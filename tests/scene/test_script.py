@@ -2,14 +2,13 @@ import numpy as np
 import pytest
 from sphere_scenes import object_tree
 
-from hhsim.errors import InputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.tremor import Disturbance
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.script import Placement, PlacementTable, Script, ScriptPhase, parse_script
+from hhsim.scene.script import Placement, Script, ScriptPhase, parse_script
 from hhsim.scene.synthesis import planned, synthesize
-from hhsim.system.settings_file import typed
 
 SMALL = """
 [[phase]]
@@ -42,6 +41,14 @@ def phase(name: str, more: str = "") -> str:
     return f'\n[[phase]]\nname = "{name}"\nduration = 1\n{more}'
 
 
+PLACE = """
+[[placement]]
+object = "cup"
+position = [0.1, 0.0, 0.05]
+orientation = [1.0, 0.0, 0.0, 0.0]
+back = [0.0, 0.6, 0.8]
+"""
+HELD = SMALL + phase("hold", "touch = {}")
 BAD = [
     ("", r"phase is missing; expected \[\[phase\]\] tables"),
     ("depht = 0.1\n" + SMALL, "unknown key 'depht': did you mean depth"),
@@ -61,6 +68,20 @@ BAD = [
     (SMALL.replace("0.5", "0.5\nfingers = ['index']"), r"phase\[1\]: fingers belongs to touch, pinch, grasp"),
     (SMALL + "[tremor]\nposition = 100.0", r"tremor_position = 100.0; expected a number from 0 to 0.1"),
     ("rate = 1e5\n" + SMALL.replace("0.25", "3600"), "360050000 samples; expected at most 10000000"),
+    (SMALL + PLACE.replace("cup", "mug"), "unknown object 'mug'"),
+    (SMALL + PLACE.replace("[1.0, 0.0, 0.0, 0.0]", "[1.0, 1.0, 0.0, 0.0]"), "orientation has length 1.41; expected 1"),
+    (SMALL + PLACE.replace("[0.0, 0.6, 0.8]", "[0.0, 0.0, 0.0]"), "back has length 0; expected 1"),
+    (SMALL + PLACE + PLACE, "two placements on one object"),
+    (SMALL + PLACE + "hands = 'both'", "hands = 'both' and no mirror; expected one"),
+    (SMALL + PLACE + "mirror = [0.0, 0.0, 2.0]", "mirror has length 2; expected 1"),
+    (SMALL + PLACE + "slide = [1.0, 0.0, 0.0]", "slide belongs to a script with a slide"),
+    ('objects = ["cup"]' + SMALL, "no placement on cup"),
+    ('objects = ["mug"]' + SMALL, "unknown object 'mug'"),
+    (HELD.format('{ thumb = "handle" }'), "handle is a part of some objects"),
+    (HELD.format('"handle"'), "expected a table"),
+    (HELD.format('{ pinky = "handle" }'), "unknown key 'pinky'"),
+    (HELD.format('{ thumb = ["handle", ""] }'), r"thumb\[2\] = ''"),
+    (SMALL + phase("hold", 'hand = "left"'), "hand belongs to approach.*; this phase is a hold"),
 ]
 
 
@@ -74,50 +95,6 @@ def test_bad_scripts_are_refused_in_one_line(text: str, message: str) -> None:
 
 HAND = HandModel.default()
 BALL, CUP = object_tree("sphere", 2), object_tree("cup", 3)
-
-PLACE = {"object": "cup", "position": [0.1, 0.0, 0.05], "orientation": [1.0, 0.0, 0.0, 0.0], "back": [0.0, 0.6, 0.8]}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"object": "mug"}, "unknown object 'mug'"),
-        ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation has length 1.41; expected 1"),
-        ({"back": [0.0, 0.0, 0.0]}, "back has length 0; expected 1"),
-    ],
-)
-def test_what_is_no_placement_is_refused(change: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        typed(PLACE | change, PlacementTable, "x")
-
-
-def test_each_object_has_one_place() -> None:
-    place = f"[[placement]]\n{chr(10).join(f'{key} = {value!r}' for key, value in PLACE.items())}\n"
-    for tables, message in (
-        (place + place, "two placements on one object"),
-        (f"{place}hands = 'both'\n", "hands = 'both' and no mirror; expected one"),
-        (f"{place}mirror = [0.0, 0.0, 2.0]\n", "mirror has length 2; expected 1"),
-        (f"{place}slide = [1.0, 0.0, 0.0]\n", "slide belongs to a script with a slide"),
-    ):
-        with pytest.raises(TrajectoryError, match=message):
-            script(tables)
-
-
-def script(head: str = "", touch: str = "") -> Script:
-    return parse(head + phase("approach") + phase("pinch") + phase("hold", touch))
-
-
-@pytest.mark.parametrize(
-    ("head", "touch", "message"),
-    [
-        ('objects = ["cup"]', "", "no placement on cup"),
-        ('objects = ["mug"]', "", "unknown object 'mug'"),
-        ("", 'touch = { thumb = "handle" }', "handle is a part of some objects"),
-    ],
-)
-def test_a_script_that_names_parts_or_objects_is_placed_on_them(head: str, touch: str, message: str) -> None:
-    with pytest.raises(TrajectoryError, match=message):
-        script(head, touch)
 
 
 def test_a_script_that_is_made_for_one_object_says_so() -> None:

@@ -6,12 +6,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, row
 
-from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
-from hhsim.scene import kept_closures
+from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase, parse_script
@@ -74,8 +73,8 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
     quiet = []
     for seed in (0, 5):
         # It searches twice, too.
-        monkeypatch.setattr(kept_closures, "_found", {})
-        monkeypatch.setattr(kept_closures, "cache_root", lambda folder=tmp_path / str(seed): folder)
+        monkeypatch.setattr(closure_search, "_found", {})
+        monkeypatch.setattr(closure_search, "cache_root", lambda folder=tmp_path / str(seed): folder)
         quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
     assert quiet[0] == quiet[1]
     shaken = replace(script, disturbance=noise)
@@ -171,11 +170,3 @@ def test_a_phase_of_one_hand_leaves_the_other_where_it_is() -> None:
         for side, motion in zip(("right", "left"), motions):
             stands = all((values[inside] == values[inside][0]).all() for values in (motion.position, motion.flexion))
             assert stands == (phase.name == "hold" or given.hand not in (None, side)), (phase, side)
-    with pytest.raises(TrajectoryError, match=r"hand belongs to approach.*; this phase is a hold"):
-        parse_script(HOLDING_HAND, name="x", where="x.toml")
-
-
-HOLDING_HAND = """
-phase = [{ name = "approach", duration = 1.0 }, { name = "grasp", duration = 1.0 },
-         { name = "hold", duration = 1.0, hand = "left" }]
-"""

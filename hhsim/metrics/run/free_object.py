@@ -13,7 +13,7 @@ from hhsim.metrics.metrics import tracking_energy
 from hhsim.metrics.run.input_hand import HAPTIC
 from hhsim.metrics.run_metric import Judged, RunMetric, each_with
 from hhsim.metrics.run_ticks import PALM, FreeRun, RunTicks
-from hhsim.result.contacts import ON_TABLE
+from hhsim.result.body import ON_TABLE
 
 ON_CONE = 1e-9
 """Relative tolerance of the friction cone."""

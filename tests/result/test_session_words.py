@@ -1,8 +1,9 @@
-"""A missed period is named by what took most of the time, the best measured account first."""
+"""Words of a session: a missed period is named by what took most of the time; reasons of free fingers are counted."""
 
 import pytest
 
 from hhsim.result.miss_cause import MissCause, TimeTaken
+from hhsim.result.safety import Safety, free_counts
 
 MS = 1_000_000
 
@@ -28,3 +29,10 @@ def test_the_cause_is_what_took_most(
     computed: int, kept: int, run_delay: int, steal: int, device: int, cause: MissCause
 ) -> None:
     assert TimeTaken(computed, kept, run_delay, steal, device).cause() is cause
+
+
+def test_every_reason_is_counted_and_the_other_hand_s_only_where_there_was_one() -> None:
+    counts = free_counts(lambda why: 7 if why is Safety.STOPPING else 0)
+    assert counts.pop("STOPPING") == 7
+    assert counts == {why.name: 0 for why in Safety if why not in (Safety.STOPPING, Safety.OTHER_HAND)}
+    assert free_counts(lambda why: int(why is Safety.OTHER_HAND))["OTHER_HAND"] == 1
