@@ -46,11 +46,6 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         default="outer",
         help="Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
     )
-    minimise: str = option(
-        type=click.Choice(["protrusion", "volume"]),
-        default="protrusion",
-        help="Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
-    )
     threads: int | None = option(
         type=click.IntRange(1, 64),
         metavar="N",
@@ -63,7 +58,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 
         named = (self.level, self.leaves, self.max_error) != (None, None, None)
         level = self.level if named else usual_level
-        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
+        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
 
     def of_links(self, seed: int) -> "TreeOptions":
         """Return the options of each link of a robot."""
