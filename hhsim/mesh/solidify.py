@@ -178,8 +178,8 @@ def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int
     middle = np.stack([np.bincount(label, weights=each) / count for each in corner.mean(axis=1).T], axis=1)
     a, b, c = (corner - middle[label][:, None]).transpose(1, 0, 2)
     volume = np.bincount(label, weights=dot(a, np.cross(b, c)))
-    size = np.bincount(label, weights=topology.face_areas(vertices, result)) ** 1.5
-    inward = volume < -FLAT * size
+    area = np.bincount(label, weights=topology.face_areas(vertices, result))
+    inward = volume < -FLAT * area * np.sqrt(area)
     for part in np.flatnonzero(inward):
         others = result[label != part]
         points = corner[label == part].mean(axis=1)
