@@ -22,7 +22,6 @@ ANYWHERE_ELSE = {
     "mesh/isosurface.py": {"np.log2", "np.einsum"},
     "mesh/mesh.py": {"**"},  # a bound for meshes that enclose nothing
     "mesh/repair.py": {"**"},
-    "mesh/solidify.py": {"@", "np.cos", "np.sin", "np.einsum", "np.linalg.norm"},
     "mesh/topology.py": {"@", "np.linalg.svd", "np.einsum"},
 }
 """Where the last bit may depend on the machine: estimates, times, and the repair of meshes."""

@@ -5,14 +5,13 @@ from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 from xml.parsers import expat
 
 from hhsim.errors import DamagedFileError, InputError, named
-from hhsim.linkage.linkage import Linkage, Robot
-from hhsim.linkage.mjcf import read_mjcf, read_mjcf_robot
-from hhsim.linkage.urdf import mesh_file, read_urdf, read_urdf_robot
+from hhsim.linkage.linkage import Linkage, Robot, merged_linkage
+from hhsim.linkage.mjcf import read_mjcf
+from hhsim.linkage.urdf import mesh_file, read_urdf
 from hhsim.mesh.catalogue import MESH_LEVEL, load_object, names_a_file
 from hhsim.mesh.mesh import Mesh, load_mesh, with_inside
 from hhsim.reproducible import sine_and_cosine
@@ -35,8 +34,9 @@ def names_a_linkage(word: str | Path) -> bool:
 
 def read_linkage(path: Path) -> Linkage:
     """Read a URDF or MJCF file and its meshes; InputError names the file, the element, and what would be right."""
-    found: Linkage = _checked(path, "linkage")
-    return found
+    robot = _checked(path, True, True)
+    with named(path):
+        return merged_linkage(robot)
 
 
 def read_robot(path: Path, looks: bool = False) -> Robot:
@@ -44,11 +44,10 @@ def read_robot(path: Path, looks: bool = False) -> Robot:
 
     With `looks`, a link in which nothing collides is as it looks.
     """
-    found: Robot = _checked(path, "robot that looks" if looks else "robot")
-    return found
+    return _checked(path, False, looks)
 
 
-def _checked(path: Path, what: str) -> Any:
+def _checked(path: Path, of_scene: bool, looks: bool) -> Robot:
     with named(path):
         try:
             check_ordinary(path, MOST_BYTES)
@@ -59,11 +58,11 @@ def _checked(path: Path, what: str) -> Any:
             raise InputError(f"{error.strerror or error}; expected a URDF or an MJCF file") from None
         if path.is_dir():
             raise InputError("a folder; expected a URDF or an MJCF file")
-        return _read(path, what, state.st_mtime_ns)
+        return _read(path, of_scene, looks, state.st_mtime_ns)
 
 
 @functools.lru_cache(maxsize=2)
-def _read(path: Path, what: str, _changed: int) -> Any:
+def _read(path: Path, of_scene: bool, looks: bool, _changed: int) -> Robot:
     """Read a file as it was when it was changed last [ns]."""
     try:
         kind, size = read_in_child(lambda: _look(path), REFUSAL)
@@ -72,12 +71,8 @@ def _read(path: Path, what: str, _changed: int) -> Any:
         # Before the fork: what a child loads is lost with it.
         import_module("trimesh")
         sine_and_cosine(0.0)
-        if what == "linkage":
-            read = read_mjcf if kind == "mujoco" else read_urdf
-            return read_in_child(lambda: read(_root(path), path), REFUSAL, size)
-        robot = read_mjcf_robot if kind == "mujoco" else read_urdf_robot
-        looks = what == "robot that looks"
-        return read_in_child(lambda: robot(_root(path), path, looks), REFUSAL, size)
+        read = read_mjcf if kind == "mujoco" else read_urdf
+        return read_in_child(lambda: read(_root(path), path, of_scene, looks), REFUSAL, size)
     except DamagedFileError as error:
         raise InputError(str(error)) from None
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -102,6 +102,39 @@ class LinkJoint:
     mimic: Mimic | None = None  # of a robot alone
 
 
+def _named_link(links: Sequence[Link], name: str) -> Link:
+    for link in links:
+        if link.name == name:
+            return link
+    raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in links)}")
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """Links in an order in which parents come first, and joints in the file's order; nothing is merged."""
+
+    name: str
+    links: tuple[Link, ...]  # some have no shapes
+    joints: tuple[LinkJoint, ...]
+    notes: tuple[str, ...] = ()  # what was left out, one plain sentence each
+    on_world: bool = False  # True if the file fixes what has no joint to the world
+    table: float | None = None  # height of a floor [m], in the file's frame
+
+    @property
+    def solid(self) -> tuple[Link, ...]:
+        """Links that have shapes."""
+        return tuple(link for link in self.links if link.shapes)
+
+    @property
+    def moves(self) -> bool:
+        """True if a link can move on another one."""
+        return any(joint.type not in ("fixed", "free") or joint.mimic is not None for joint in self.joints)
+
+    def link(self, name: str) -> Link:
+        """Return a link that has shapes, by its name; InputError lists them."""
+        return _named_link(self.solid, name)
+
+
 @dataclass(frozen=True, eq=False)
 class Linkage:
     """Links in an order in which parents come first, and the joint of each that moves on its parent or the world."""
@@ -114,10 +147,7 @@ class Linkage:
 
     def link(self, name: str) -> Link:
         """Return a link by its name; InputError lists them."""
-        for link in self.links:
-            if link.name == name:
-                return link
-        raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.links)}")
+        return _named_link(self.links, name)
 
     def start_frames(self) -> dict[str, Frame]:
         """Return the frame of each link in that of the file where the joints begin, by its name; "" is the file's."""
@@ -134,29 +164,19 @@ class Linkage:
         return found
 
 
-def merged_linkage(
-    links: Sequence[Link],
-    joints: Sequence[LinkJoint],
-    notes: Iterable[str] = (),
-    *,
-    on_world: bool = False,
-    table: float | None = None,
-) -> Linkage:
+def merged_linkage(robot: Robot) -> Linkage:
     """Return a linkage in which links on fixed joints are one with their parents.
 
     A merged link has the name and the frame of its first one; links without shapes at the ends of chains are left out.
-    Raises InputError for names that are given twice, joints of links that there are not, joints in a circle, several
-    roots, links between two joints that have no shape, or no shapes at all.
+    Raises InputError for links between two joints that have no shape, or no shapes at all.
     """
-    notes = list(notes)
-    require_tree(links, joints)
-    parent_joint = {joint.child: joint for joint in joints}
+    notes, on_world = list(robot.notes), robot.on_world
+    parent_joint = {joint.child: joint for joint in robot.joints}
     # Of each link the first one of its rigid group, and its frame there.
     first: dict[str, str] = {"": ""}
     places: dict[str, Frame] = {"": HERE}
-    order = parents_first(links, parent_joint)
     groups: dict[str, list[Link]] = {}
-    for link in order:
+    for link in robot.links:
         joint = parent_joint.get(link.name)
         is_rigid = joint is not None and joint.type == "fixed"
         first[link.name] = first[joint.parent] if joint is not None and is_rigid else link.name
@@ -200,7 +220,7 @@ def merged_linkage(
         # What is free hangs on nothing, wherever it was written.
         parent = plain[joint.parent] if joint.parent and joint.type != "free" else ""
         named[plain[key]] = replace(joint, name=of_joints[joint.name], child=plain[key], parent=parent)
-    return Linkage(found, named, on_world, table, tuple(notes))
+    return Linkage(found, named, on_world, robot.table, tuple(notes))
 
 
 def required_axis(axis: FloatArray) -> FloatArray:
@@ -283,17 +303,6 @@ def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
         raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
 
 
-def parents_first(links: Sequence[Link], parent_joint: Mapping[str, LinkJoint]) -> list[Link]:
-    """Return links in an order in which parents come first, by the joint of each child."""
-    depth: dict[str, int] = {}
-    for link in links:
-        chain = [link.name]
-        while chain[-1] in parent_joint:
-            chain.append(parent_joint[chain[-1]].parent)
-        depth[link.name] = len(chain)
-    return sorted(links, key=lambda link: depth[link.name])
-
-
 def _one_link(name: str, group: Sequence[Link], places: Sequence[Frame]) -> Link:
     shapes = tuple(
         (place.points(vertices), faces) for link, place in zip(group, places) for vertices, faces in link.shapes
@@ -339,39 +348,17 @@ def _row(values: FloatArray) -> str:
     return " ".join(f"{value:g}" for value in values)
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
-    """Links in an order in which parents come first, and joints in the file's order; nothing is merged."""
-
-    name: str
-    links: tuple[Link, ...]  # some have no shapes
-    joints: tuple[LinkJoint, ...]
-    notes: tuple[str, ...] = ()  # what was left out, one plain sentence each
-
-    @property
-    def solid(self) -> tuple[Link, ...]:
-        """Links that have shapes."""
-        return tuple(link for link in self.links if link.shapes)
-
-    @property
-    def moves(self) -> bool:
-        """True if a link can move on another one."""
-        return any(joint.type not in ("fixed", "free") or joint.mimic is not None for joint in self.joints)
-
-    def link(self, name: str) -> Link:
-        """Return a link that has shapes, by its name; InputError lists them."""
-        for link in self.solid:
-            if link.name == name:
-                return link
-        raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.solid)}")
-
-
 def robot_of(
-    name: str, links: Sequence[Link], joints: Sequence[LinkJoint], notes: Iterable[str] = (), seen: Sequence[str] = ()
+    name: str,
+    links: Sequence[Link],
+    joints: Sequence[LinkJoint],
+    notes: Iterable[str] = (),
+    seen: Sequence[str] = (),
+    **of_scene: Any,
 ) -> Robot:
     """Return the robot of links and joints; InputError where they are no tree, or no joint leads a mimic.
 
-    `seen` are links that only look: they have no shapes, and a note names them.
+    `seen` are links that only look: they have no shapes, and a note names them. `of_scene` are `on_world` and `table`.
     """
     require_tree(links, joints)
     known = {joint.name: joint for joint in joints}
@@ -383,7 +370,13 @@ def robot_of(
             if known[follows.leader] in chain:
                 raise InputError(f"joint '{joint.name}': it mimics itself; expected a joint that moves by itself")
             chain.append(known[follows.leader])
-    order = parents_first(links, {joint.child: joint for joint in joints})
+    depth, above = dict[str, int](), {joint.child: joint.parent for joint in joints}
+    for link in links:
+        chain_up = [link.name]
+        while chain_up[-1] in above:
+            chain_up.append(above[chain_up[-1]])
+        depth[link.name] = len(chain_up)
+    order = sorted(links, key=lambda link: depth[link.name])
     if seen:
         notes = [*notes, f"{', '.join(seen)}: nothing there collides, so without spheres; --visual takes what is seen"]
-    return Robot(name, tuple(order), tuple(joints), tuple(notes))
+    return Robot(name, tuple(order), tuple(joints), tuple(notes), **of_scene)

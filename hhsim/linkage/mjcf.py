@@ -17,11 +17,9 @@ from hhsim.linkage.linkage import (
     Inertial,
     JointType,
     Link,
-    Linkage,
     LinkJoint,
     Mimic,
     Robot,
-    merged_linkage,
     required_axis,
     required_inertial,
     required_limits,
@@ -47,20 +45,16 @@ LEFT_OUT = {"nu": "actuators", "nsensor": "sensors"}
 MOST_GEOMS = 10_000
 
 
-def read_mjcf(root: Element, path: Path) -> Linkage:
-    """Return the linkage of the `<mujoco>` of a file; InputError names the element, or has MuJoCo's reason."""
-    for where, expected in ELEMENTS.items():
+def read_mjcf(root: Element, path: Path, of_scene: bool, looks: bool) -> Robot:
+    """Return every body and joint of the `<mujoco>` of a file by its name; arguments and errors as `read_urdf`.
+
+    A scene has the shapes of the world, too. Of several joints of a robot's body all but the last move links of no
+    shape. InputError names the element, or has MuJoCo's reason.
+    """
+    for where, expected in ELEMENTS.items() if of_scene else ():
         for element in root.iterfind(f".//{where}"):
             raise InputError(f"<{element.tag}> '{element.get('name', '')}'; expected {expected}")
-    return _Model(path, of_scene=True).linkage()
-
-
-def read_mjcf_robot(root: Element, path: Path, looks: bool) -> Robot:
-    """Return every body and joint of the `<mujoco>` of a file by its name; errors and `looks` as `read_urdf_robot`.
-
-    Shapes of the world are left out; of several joints of a body all but the last move links of no shape.
-    """
-    return _Model(path, of_scene=False, looks=looks).robot(root.get("model") or path.stem)
+    return _Model(path, of_scene=of_scene, looks=looks).robot(root.get("model") or path.stem)
 
 
 class _Model:
@@ -70,7 +64,7 @@ class _Model:
     nothing collides is as it looks.
     """
 
-    def __init__(self, path: Path, *, of_scene: bool, looks: bool = True) -> None:
+    def __init__(self, path: Path, *, of_scene: bool, looks: bool) -> None:
         import mujoco
 
         # Its warnings go to a file in the current folder otherwise.
@@ -91,32 +85,28 @@ class _Model:
         self.notes: list[str] = []
         self.table: float | None = None
 
-    def linkage(self) -> Linkage:
+    def robot(self, name: str) -> Robot:
         model = self.model
-        for count, where in COUNTS.items():
+        for count, where in COUNTS.items() if self.of_scene else ():
             if getattr(model, count):
                 what = where.partition("/")[0]
                 raise InputError(f"a file that it includes has a <{what}>; expected {ELEMENTS[where]}")
-        for count, what in LEFT_OUT.items():
+        for count, what in LEFT_OUT.items() if self.of_scene else ():
             if getattr(model, count):
                 self.notes.append(f"its {what} are left out: the motion moves the joints")
-        links = [self.link(body) for body in range(model.nbody)]
-        joints = [joint for body in range(1, model.nbody) for joint in self.joints(body)]
-        moves = any(joint.type != "fixed" for joint in joints)
-        return merged_linkage(links, joints, self.notes, on_world=moves, table=self.table)
-
-    def robot(self, name: str) -> Robot:
-        links, joints, seen = [Link(self.names[0])], list[LinkJoint](), []
-        for body in range(1, self.model.nbody):
+        links = [self.link(0) if self.of_scene else Link(self.names[0])]
+        joints, seen = list[LinkJoint](), []
+        for body in range(1, model.nbody):
             moving = self.joints(body)
             links += [Link(joint.child) for joint in moving[:-1]]
             links.append(self.link(body))
             joints += moving
-            if not links[-1].shapes and self.model.body_geomnum[body]:
+            if not links[-1].shapes and model.body_geomnum[body]:
                 seen.append(links[-1].name)
-        mimics = self.mimics()
+        mimics = {} if self.of_scene else self.mimics()
+        moves = any(joint.type != "fixed" for joint in joints)
         joints = [replace(joint, mimic=mimics.get(joint.name)) for joint in joints]
-        return robot_of(name, links, joints, self.notes, seen)
+        return robot_of(name, links, joints, self.notes, seen, on_world=moves, table=self.table)
 
     def mimics(self) -> dict[str, Mimic]:
         """Return what joints follow by equalities of two joints; notes say which equalities are left out."""

@@ -15,11 +15,9 @@ from hhsim.linkage.linkage import (
     Inertial,
     JointType,
     Link,
-    Linkage,
     LinkJoint,
     Mimic,
     Robot,
-    merged_linkage,
     required_axis,
     required_inertial,
     required_limits,
@@ -37,30 +35,23 @@ ADDRESSES = ("package://", "model://")
 """Beginnings of a mesh's name that stand before a package's."""
 
 
-def read_urdf(root: Element, path: Path) -> Linkage:
-    """Return the linkage of the `<robot>` of a file; InputError names the element at fault and what would be right."""
-    notes: list[str] = []
-    meshes = _Meshes(path)
-    _require_plain(root)
-    links = [_link(element, meshes) for element in root.findall("link")]
-    joints = [_joint(element, notes) for element in root.findall("joint")]
+def read_urdf(root: Element, path: Path, of_scene: bool, looks: bool) -> Robot:
+    """Return every link and joint of the `<robot>` of a file by its name, with what collides.
+
+    With `looks`, a link that states no `<collision>` is as it looks. Of a robot that is no scene's triangles of round
+    shapes enclose them, joints may be of any type, and a mass that cannot be is left out, with a note: spheres need
+    none. InputError names the element at fault and what would be right.
+    """
+    meshes, notes, elements = _Meshes(path, 1.0 if of_scene else ENCLOSING), list[str](), root.findall("link")
+    prefixes = {key.removeprefix("xmlns:") for key, value in root.attrib.items() if "xacro" in value} | {"xacro"}
+    if any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag):
+        raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
+    links = [_link(element, meshes, looks, None if of_scene else notes) for element in elements]
+    joints = [_joint(element, notes, of_scene) for element in root.findall("joint")]
+    seen = [link.name for link, each in zip(links, elements) if not link.shapes and each.find("visual") is not None]
     children = {joint.child for joint in joints}
     on_world = any(link.name == WORLD for link in links if link.name not in children)
-    return merged_linkage(links, joints, notes, on_world=on_world)
-
-
-def read_urdf_robot(root: Element, path: Path, looks: bool) -> Robot:
-    """Return every link and joint of the `<robot>` of a file by its name, with what collides; errors as `read_urdf`.
-
-    Triangles of round shapes enclose them. With `looks`, a link that states no `<collision>` is as it looks. A mass
-    that cannot be is left out, with a note: spheres need none.
-    """
-    meshes, notes, elements = _Meshes(path, ENCLOSING), list[str](), root.findall("link")
-    _require_plain(root)
-    links = [_link(element, meshes, looks, notes) for element in elements]
-    joints = [_joint(element, [], of_scene=False) for element in root.findall("joint")]
-    seen = [link.name for link, each in zip(links, elements) if not link.shapes and each.find("visual") is not None]
-    return robot_of(root.get("name") or path.stem, links, joints, notes, seen)
+    return robot_of(root.get("name") or path.stem, links, joints, notes, seen, on_world=on_world)
 
 
 class _Meshes:
@@ -74,12 +65,6 @@ class _Meshes:
         if file not in self._read:
             self._read[file] = read_triangles(file)
         return self._read[file]
-
-
-def _require_plain(root: Element) -> None:
-    prefixes = {key.removeprefix("xmlns:") for key, value in root.attrib.items() if "xacro" in value} | {"xacro"}
-    if any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag):
-        raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
 
 
 def mesh_file(name: str, path: Path) -> Path:
@@ -97,7 +82,7 @@ def mesh_file(name: str, path: Path) -> Path:
     return next((found for found in tries if found.is_file()), path.parent / plain)
 
 
-def _link(element: Element, meshes: _Meshes, looks: bool = True, notes: list[str] | None = None) -> Link:
+def _link(element: Element, meshes: _Meshes, looks: bool, notes: list[str] | None) -> Link:
     """Return a link; one of a robot takes any mass, and `notes` say which is left out."""
     name = _name(element)
     with named(f"link '{name}'"):
@@ -176,7 +161,7 @@ def _inertial(element: Element | None, most: float) -> Inertial | None:
     return required_inertial(value, frame.position, turned, most)
 
 
-def _joint(element: Element, notes: list[str], of_scene: bool = True) -> LinkJoint:
+def _joint(element: Element, notes: list[str], of_scene: bool) -> LinkJoint:
     name, kind = _name(element), element.get("type", "")
     with named(f"joint '{name}'"):
         if kind not in (TYPES if of_scene else TYPES + FREE_TYPES):
@@ -214,7 +199,7 @@ def _joint(element: Element, notes: list[str], of_scene: bool = True) -> LinkJoi
         )
         if friction < 0.0:
             raise InputError(f'<dynamics friction="{friction:g}">; expected 0 or more')
-        if damping:
+        if damping and of_scene:
             notes.append(f"joint '{name}': its damping, {damping:g}, is left out: hhsim has dry friction alone")
         least, most = limits or (0.0, 0.0)
         start = min(max(0.0, least), most)

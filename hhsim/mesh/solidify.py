@@ -10,11 +10,12 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance, winding_moments
-from hhsim.kernels.mesh.inside_field import SolidField, count_hits
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance, winding_moments
+from hhsim.kernels.mesh.inside_field import SolidField
 from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, simplified, solid_mesh
 from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent, windings_beside
+from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
 TOLERANCE = 5e-4
@@ -40,13 +41,8 @@ ASSUMED_SOLID = "the guarantee is of the assumed solid"
 THICKEN = "give it a thickness in a mesh editor"
 
 SEED = 20180
-RAYS = 60_000
-"""Total number of rays, shared out by area."""
-LEAST_RAYS = 12
-"""Least number of rays from each part."""
-CLEAR = 0.1
-"""A part is turned where its back sees more by this share of its rays: a few reach a cavity through a hole."""
-RAY_SEED = 20131
+FLAT = 1e-3
+"""A part is flat whose volume about its middle is a smaller share of its area to the power of 3/2."""
 
 
 def solid_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
@@ -109,7 +105,7 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     size = surface.size
     surface.repairs.insert(0, f"{refusal}: its inside is taken to be where the winding number exceeds 1/2")
     surface.warnings.append("no safe repair gives it an inside: it is assumed by winding number")
-    surface.faces, turned = turned_outward(surface.vertices, surface.faces, BESIDE * size)
+    surface.faces, turned = turned_outward(surface.vertices, surface.faces)
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} to face outward")
     field = _field(surface.vertices, surface.faces)
@@ -168,49 +164,30 @@ def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, flo
     return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
 
 
-def turned_outward(vertices: FloatArray, faces: IntArray, start: float) -> tuple[IntArray, int]:
-    """Wind neighbours alike, and each part so that its front sees more of the far away; also return the number turned.
+def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
+    """Wind neighbours alike, and each part so that the volume about its own middle is positive; also count the turned.
 
-    After Takayama, Jacobson, Kavan and Sorkine-Hornung, "A simple method for correcting facet orientations in polygon
-    meshes based on ray-casting" (2014): rays from both sides of each part; those that meet nothing count. A part that
-    sees hardly anything from either side keeps its winding: it may be a cavity or a solid within a solid, and only the
-    author of the file knows. Rays begin at a distance `start` from the triangle [unit of the vertices]; the faces are
-    wound in any way, shape (F, 3).
+    A part that lies within the others keeps its winding: it may be a cavity or a solid within a solid, and only the
+    author of the file knows. So does one that is flat.
     """
     result = topology.alike_wound(faces)[0].copy()
     label = topology.part_labels(result)
-    parts = int(label.max()) + 1
-    area = topology.face_areas(vertices, result)
-    a, b, c = vertices[result].transpose(1, 0, 2)
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(2.0 * area, np.finfo(np.float64).tiny)[:, None]
-    part_area = np.bincount(label, weights=area, minlength=parts)
-    number = np.maximum(LEAST_RAYS, np.ceil(RAYS * part_area / max(part_area.sum(), np.finfo(np.float64).tiny)))
-    rng = np.random.default_rng(RAY_SEED)
-    # Random faces, by area within each part.
-    order = np.argsort(label, kind="stable")
-    reached = np.cumsum(area[order])
-    end = reached[np.searchsorted(label[order], np.arange(parts), side="right") - 1]
-    begin = np.concatenate([[0.0], end[:-1]])
-    part = np.repeat(np.arange(parts), number.astype(np.int64))
-    at = np.searchsorted(reached, begin[part] + rng.random(len(part)) * (end - begin)[part], side="right")
-    face = order[np.clip(at, 0, len(order) - 1)]
-    place = topology.random_points(vertices[result[face]], rng)
-    direction = rng.normal(size=(len(face), 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    up = normal[face]
-    # The same ray from both sides, mirrored.
-    direction *= np.sign(np.einsum("ij,ij->i", direction, up))[:, None]
-    reach = 4.0 * float(np.ptp(vertices, axis=0).max())
-    bvh = build_mesh_bvh(vertices, faces, signed=False)
-    score = np.zeros(parts)
-    for side in (1.0, -1.0):
-        along = side * reach * direction
-        hits = np.empty(len(face), np.int64)
-        count_hits(bvh, np.ascontiguousarray(place + side * start * up), np.ascontiguousarray(along), hits)
-        score += side * np.bincount(label[face], weights=hits == 0, minlength=parts)
-    inward = (score < -CLEAR * number)[label]
-    result[inward] = result[inward][:, ::-1]
+    corner = vertices[result]
+    count = np.bincount(label)
+    middle = np.stack([np.bincount(label, weights=each) / count for each in corner.mean(axis=1).T], axis=1)
+    a, b, c = (corner - middle[label][:, None]).transpose(1, 0, 2)
+    volume = np.bincount(label, weights=dot(a, np.cross(b, c)))
+    area = np.bincount(label, weights=topology.face_areas(vertices, result))
+    inward = volume < -FLAT * area * np.sqrt(area)
+    for part in np.flatnonzero(inward):
+        others = result[label != part]
+        points = corner[label == part].mean(axis=1)
+        winding = np.zeros(len(points))
+        if len(others):
+            bvh = build_mesh_bvh(vertices, others, signed=False, by_winding=True)
+            fast_winding_numbers(bvh, bvh.moments, points, winding)
+        inward[part] = not (np.abs(winding) > 0.5).all()
+    result[inward[label]] = result[inward[label]][:, ::-1]
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 
 

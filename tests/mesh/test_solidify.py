@@ -75,7 +75,7 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: MeshIn
     cleaned = MeshInRepair(vertices, faces, "test")
     merge_and_clean(cleaned)
     vertices = cleaned.vertices
-    faces, _ = turned_outward(vertices, cleaned.faces, 1e-5 * size)
+    faces, _ = turned_outward(vertices, cleaned.faces)
     triangles = vertices[faces]
     rng = np.random.default_rng(5)
     middle, face, _ = face_samples(vertices, faces, POINTS, rng)
