@@ -34,9 +34,7 @@ class RunningOptions(OptionGroup):
     """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
 
     jobs: options.Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
-    scheduler: str = option(
-        "Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs.", "ADDRESS", default=""
-    )
+    scheduler: str = options.SCHEDULER
     resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 

@@ -95,9 +95,7 @@ class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
         "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",
     )
-    side: options.Sides | None = option(
-        "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
-    )
+    side: options.Sides | None = options.WHICH_HANDS
     hand_file: Path | None = options.HAND_FILE
     tremor: Annotated[tuple[float, float], READ_TREMOR] | None = option(
         "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.", "MM,DEG"

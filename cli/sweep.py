@@ -7,7 +7,7 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
 from .arguments.command import OptionGroup, argument, make_command, option
-from .arguments.options import Jobs, OutPath, Printing
+from .arguments.options import SCHEDULER, Jobs, OutPath, Printing
 from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
 MOST_FAILURES = 20
@@ -24,9 +24,7 @@ class SweepSettings(OptionGroup):
     jobs: Jobs | None = option(
         "Cells at a time, in processes of this machine. Default: one for each physical core.", "N"
     )
-    scheduler: str = option(
-        "Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.", "ADDRESS", default=""
-    )
+    scheduler: str = SCHEDULER
     dry_run: bool = option("Count the cells, estimate how long the others take by those that ran; write nothing.")
     retry_failed: bool = option("Run failed cells again; without it their reasons are shown.")
     summary_only: bool = option("Keep a row of figures for each cell, and not its ticks.")

@@ -127,6 +127,12 @@ def _announce(context: click.Context, parameter: click.Parameter, quiet: bool) -
     return quiet
 
 
+SCHEDULER = option(
+    "Dask cluster that shares the work: tcp://host:8786, or local for --jobs processes.", "ADDRESS", default=""
+)
+WHICH_HANDS = option(
+    "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
+)
 SEED = option("Seed of everything random.", "N", default=0)
 JSON = option("Print one JSON document, SI units, and nothing else.", None, "--json")
 QUIET = option("Show no progress and no table; errors still show.", None, "--quiet", "-q", callback=_announce)
