@@ -1,14 +1,20 @@
 """`hhsim sweep`."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
 from .arguments.command import OptionGroup, argument, make_command, option
-from .arguments.options import SCHEDULER, Jobs, OutPath, Printing
+from .arguments.options import Jobs, OutPath, Printing
 from .console import end_on_sigterm, print_line, print_notes, print_table, progress
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hhsim.sweep.cell_table import CellRow
+    from hhsim.sweep.sweep import SweepSummary
 
 MOST_FAILURES = 20
 MOST_ROWS = 60
@@ -24,7 +30,9 @@ class SweepSettings(OptionGroup):
     jobs: Jobs | None = option(
         "Cells at a time, in processes of this machine. Default: one for each physical core.", "N"
     )
-    scheduler: str = SCHEDULER
+    scheduler: str = option(
+        "Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.", "ADDRESS", default=""
+    )
     dry_run: bool = option("Count the cells, estimate how long the others take by those that ran; write nothing.")
     retry_failed: bool = option("Run failed cells again; without it their reasons are shown.")
     summary_only: bool = option("Keep a row of figures for each cell, and not its ticks.")
@@ -47,7 +55,7 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
       hhsim sweep plan.toml --retry-failed
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.cell_table import COLUMNS, FAILED, TABLE, cell_rows, shown_table
+    from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
     from hhsim.sweep.folder import SweepFolder, lasting
     from hhsim.sweep.plan import load_plan
     from hhsim.sweep.sweep import estimate, run_sweep
@@ -81,21 +89,8 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
             *([f"{found.ticks:,} ticks: {lasting(seconds)} in {where}"] if found.left else []),
         )
         return 0
-    done = [row for row in rows if row["verdict"] != FAILED]
-    if done and printing.for_people:
-        table = shown_table(done[:MOST_ROWS])
-        print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))
-        for note in (*table.notes, ""):
-            print_line(note)
-    before = f", {ended.done_before:,} before" if ended.done_before else ""
-    speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
-    failures = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
-    more = len(ended.failed) - MOST_FAILURES
-    failed: list[Table | str] = []
-    if failures:
-        again = f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again"
-        failed = ["", Table.of_cells(("cell", "options", "failed since"), failures), again]
-    others = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
+    if printing.for_people:
+        _print(ended, rows, folder.path)
     printing.show(
         {
             "folder": str(folder.path),
@@ -109,13 +104,35 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
             "seconds": ended.seconds,
             "rows": rows,
             "notes": list(read.notes),
-        },
-        f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed",
-        *([f"{ended.ticks:,} ticks in {lasting(ended.seconds)}{speed}"] if ended.run else []),
-        *failed,
-        f"{others}all figures of each cell are in {folder.path / TABLE}",
+        }
     )
     if printing.quiet and ended.failed:
         shown = [f"{cell.label}: {why}" for cell, why in ended.failed[:MOST_FAILURES]]
         print_notes([f"{counted(len(ended.failed), 'cell')} failed", *shown], prefix="missed")
     return 1 if ended.failed else 0
+
+
+def _print(ended: "SweepSummary", rows: "Sequence[CellRow]", folder: Path) -> None:
+    from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
+    from hhsim.sweep.folder import lasting
+
+    done = [row for row in rows if row["verdict"] != FAILED]
+    if done:
+        table = shown_table(done[:MOST_ROWS])
+        print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))
+        for note in table.notes:
+            print_line(note)
+        print()
+    before = f", {ended.done_before:,} before" if ended.done_before else ""
+    print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
+    if ended.run:
+        speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
+        print_line(f"{ended.ticks:,} ticks in {lasting(ended.seconds)}{speed}")
+    if ended.failed:
+        print()
+        shown = [(cell.label, cell.stated, why) for cell, why in ended.failed[:MOST_FAILURES]]
+        print_table(Table.of_cells(("cell", "options", "failed since"), shown))
+        more = len(ended.failed) - MOST_FAILURES
+        print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}--retry-failed runs them again")
+    others = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
+    print_line(f"{others}all figures of each cell are in {folder / TABLE}")
