@@ -19,11 +19,13 @@ from hhsim.metrics.field.hands import object_bvh
 from hhsim.metrics.mesh_penetration import mesh_clearance, ticks_looked_at
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.recorded_verdict import STATED_TIMES
 from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.result.writer import add_document
+from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene
 from hhsim.solver.known_methods import SUBMITTED, known_for_now
 from hhsim.solver.method import FORCES, TIMES, Method
@@ -34,7 +36,7 @@ from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, named_scene, scene_digest
-from hhsim.submissions.suspicions import BODY_DEPTH, as_seen, beside, body_depth, require_scene, shown_scene, suspicions
+from hhsim.submissions.suspicions import BODY_DEPTH, as_seen, body_depth, require_scene, shown_scene, suspicions
 from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import contact_surface, encloses, put_parts
@@ -56,9 +58,13 @@ def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
     for body in shown.solids:
         if not encloses(body.mesh):
             continue
-        mesh, there, away = beside(body, hand, placed, NEAR)
+        mesh, tree, there = body.placed_mesh, body.placed_tree, placed
+        if isinstance(body.motion, Driven):
+            mesh, tree, poses = body.mesh, body.tree, body.motion.poses
+            there = RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+        palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=NEAR)
         # The spheres cover the mesh: a hand outside of them is outside of the mesh.
-        inside = ticks_looked_at(away < 0.0)
+        inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
         depths.append(0.0)
         if inside.size:
             depths.append(-float(mesh_clearance(object_bvh(mesh), hand_shape(hand), there.at(inside)).min()))

@@ -13,10 +13,9 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
@@ -159,18 +158,13 @@ def _free(scene: Scene, hand: HandModel, user: HandConfiguration) -> BoolArray:
     """Return True for ticks in which the user's hand, in the world, is far from the bodies."""
     placed, free = forward_kinematics(hand, *user), np.ones(user.ticks, bool)
     for body in scene.solids:
-        free &= beside(body, hand, placed, FREE_DISTANCE)[2] >= FREE_DISTANCE
+        tree, there = body.placed_tree, placed
+        if isinstance(body.motion, Driven):
+            poses = body.motion.poses
+            tree, there = body.tree, RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+        palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=FREE_DISTANCE)
+        free &= np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
-
-
-def beside(body: Body, hand: HandModel, placed: PlacedHand, limit: float) -> tuple[Mesh, PlacedHand, FloatArray]:
-    """Return a body's mesh, a hand in its frame, and how far the hand is from its spheres [m], to a limit, (T,)."""
-    mesh, tree, there = body.placed_mesh, body.placed_tree, placed
-    if isinstance(body.motion, Driven):
-        mesh, tree, poses = body.mesh, body.tree, body.motion.poses
-        there = RigidMotion(poses.orientation, poses.position).seen_hand(placed)
-    palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=limit)
-    return mesh, there, np.minimum(palm, finger.min(axis=1))
 
 
 LOOKED_AT = 200
