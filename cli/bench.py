@@ -11,8 +11,9 @@ from hhsim.system.counted import counted
 
 from .arguments import options
 from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
+from .arguments.object_options import MeshSize, complete_object
 from .arguments.recording_options import PLACE_HELP, Place
-from .arguments.scene_options import Linearising, MeshSize, Sampling, complete_object
+from .arguments.scene_options import Linearising, Sampling
 from .console import print_notes, print_table, progress
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 import click
 
 from .arguments.command import Number, OptionGroup, argument, make_command, option, refuse_typed
+from .arguments.object_options import MeshSize
 from .arguments.options import SCHEDULER, Jobs, OutPath, Printing, metres
 from .arguments.recording_options import FileSettings, HandData
-from .arguments.scene_options import MeshSize
 from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
 NO_OBJECT = "--object names the object that the hand holds; a manifest names it in each row"

@@ -11,7 +11,7 @@ from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments import options, scene_options
+from .arguments import object_options, options, scene_options
 from .arguments.command import make_command, option, refuse_typed
 from .arguments.recording_options import PLACE_HELP, HandData, Place
 from .console import print_line, print_notes, print_table, progress
@@ -107,8 +107,8 @@ class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
         self,
         object_: str,
         trajectory: str,
-        mesh_file: scene_options.MeshFile,
-        tree: scene_options.TreeOrFile,
+        mesh_file: object_options.MeshFile,
+        tree: object_options.TreeOrFile,
         data: HandData,
         free: scene_options.FreeChoice,
     ) -> "SceneWords":
@@ -144,14 +144,14 @@ class ReplayOutput(options.Output):
 @make_command
 def command(
     *,
-    object_: str = scene_options.OBJECT,
+    object_: str = object_options.OBJECT,
     trajectory: str = scene_options.TRAJECTORY,
     solver: SolverSettings,
-    tree: scene_options.TreeOrFile,
+    tree: object_options.TreeOrFile,
     moving: HandAndMotion,
     data: HandData,
     free: scene_options.FreeChoice,
-    mesh_file: scene_options.MeshFile,
+    mesh_file: object_options.MeshFile,
     output: ReplayOutput,
     rerun: options.Rerun | None = option(
         "Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.", options.RERUN
@@ -185,7 +185,7 @@ def command(
       hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
-    if options.names_a_result(object_):
+    if scene_options.names_a_result(object_):
         return _run_again(Path(object_), output)
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times

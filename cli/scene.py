@@ -5,8 +5,9 @@ from pathlib import Path
 from hhsim.system.counted import counted
 
 from .arguments.command import make_command, option
+from .arguments.object_options import OBJECT, MeshSize
 from .arguments.options import SEED, TREE_LEVEL, WHICH_HANDS, AnySeed, OneLevel, OutPath, Printing, Sides
-from .arguments.scene_options import OBJECT, TRAJECTORY, FreeChoice, MeshSize, Sampling
+from .arguments.scene_options import TRAJECTORY, FreeChoice, Sampling
 from .console import print_notes
 
 

@@ -40,13 +40,6 @@ Rerun = Annotated[str, RerunWord()]
 RERUN = "spawn|FILE.rrd|connect[=URL]"
 
 
-def names_a_result(name: str | Path) -> bool:
-    """Return whether an argument is a result, and not an object, a suite or a baseline."""
-    from hhsim.result.schema import SUFFIXES
-
-    return Path(name).suffix.lower() in SUFFIXES
-
-
 DIGITS = 20
 """Digits from which on a whole number is refused unread."""
 

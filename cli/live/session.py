@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from hhsim.system.counted import counted
 from hhsim.table.table import Table
-from hhsim.table.terminal import terminal_text
 
 from ..arguments.options import HANDS
 
@@ -99,6 +98,8 @@ class LiveStatus:
             x, y, z = 1e3 * palm.position
             rows.append(("palm", f"{x:.1f}, {y:.1f}, {z:.1f} mm; a stroke is {1e3 * palm.step:g} mm"))
         rows.append(("keys", " · ".join(f"{keys} {what}" for keys, what in self.keys)))
+        from hhsim.table.terminal import terminal_text
+
         minutes, seconds = divmod(now - self._began, 60.0)
         table = Table.of_cells(("", ""), rows, f"{self.heading}   {minutes:.0f}:{seconds:04.1f}")
         self._live.update(terminal_text(table, in_terminal=True), refresh=True)

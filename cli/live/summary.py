@@ -80,11 +80,13 @@ def recorded(outcome: "SessionOutcome") -> "Result | None":
 
 def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
     """Count faults in the recording, as the gate does; without one, among the events of the session."""
+    from hhsim.errors import InputError
     from hhsim.metrics.session_faults import FaultCounts, recorded_faults
     from hhsim.result.schema import FAULT
 
-    if (result := recorded(outcome)) is not None:
-        return recorded_faults(result)
+    with suppress(InputError):
+        if (result := recorded(outcome)) is not None:
+            return recorded_faults(result)
     tally, counters, early = outcome.tally, outcome.counters, float(bool(outcome.loop_failed))
     told = max(early, sum(level == FAULT for _, level, _ in outcome.notices))
     return FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
