@@ -15,8 +15,7 @@ def _list(context: click.Context, as_json: bool) -> None:
     if context.invoked_subcommand is not None:
         return
     from hhsim.errors import InputError
-    from hhsim.solver.known_methods import find_method
-    from hhsim.solver.method_names import declared_methods, method_names
+    from hhsim.solver.method import declared_methods, find_method, method_names
 
     found, broken = {}, {}
     for name in method_names():

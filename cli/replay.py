@@ -68,7 +68,7 @@ class SolverSettings(scene_options.Linearising, scene_options.SolverChoice):
     def options(self) -> "SolverOptions":
         """Return the options; UsageError, HhsimError for another method's, no such solver or engine, a bad number."""
         from hhsim.errors import InputError, UnknownNameError
-        from hhsim.solver.known_methods import find_method
+        from hhsim.solver.method import find_method
         from hhsim.solver.options import SolverOptions, Stiffness
         from hhsim.solver.qp import ACTIVE_SET, available_backends
 

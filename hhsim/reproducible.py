@@ -41,7 +41,7 @@ def across(direction: FloatArray) -> FloatArray:
 
 def sine_and_cosine(angle: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return sines and cosines of angles [rad], of their shape."""
-    from hhsim.kernels.elementary import sines_and_cosines
+    from hhsim.kernels.arithmetic import sines_and_cosines
 
     angles = np.asarray(angle, np.float64)
     sine, cosine = np.empty(angles.size), np.empty(angles.size)
@@ -51,7 +51,7 @@ def sine_and_cosine(angle: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 def arc_tangent(y: ArrayLike, x: ArrayLike) -> FloatArray:
     """Return the angles [rad] of vectors (x, y), of the shape that both broadcast to."""
-    from hhsim.kernels.elementary import arc_tangents
+    from hhsim.kernels.arithmetic import arc_tangents
 
     ordinate, abscissa = np.broadcast_arrays(np.asarray(y, np.float64), np.asarray(x, np.float64))
     angle = np.empty(ordinate.size)
@@ -61,7 +61,7 @@ def arc_tangent(y: ArrayLike, x: ArrayLike) -> FloatArray:
 
 def exponential(x: ArrayLike) -> FloatArray:
     """Return e^x, of the shape of x."""
-    from hhsim.kernels.elementary import exponentials
+    from hhsim.kernels.arithmetic import exponentials
 
     values = np.asarray(x, np.float64)
     found = np.empty(values.size)

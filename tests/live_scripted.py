@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss
-from hhsim.kernels.live.deadlines import NOTHING, due_time, next_deadline, woken
+from hhsim.kernels.live.deadlines import (
+    NOTHING,
+    account_waking,
+    due_time,
+    measure_miss,
+    name_miss,
+    next_deadline,
+    woken,
+)
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo

@@ -14,7 +14,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone, cone_slope
+from hhsim.kernels.round_cone import RoundCone, cone_slope
 
 NEEDLE = 1e-9
 """Height of a triangle, as a share of its longest side, up to which it is no more than its sides: the direction of its

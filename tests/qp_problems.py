@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.qp import active_set
-from hhsim.kernels.qp.row_scan import STRIP, ProgramRows, WideRows
+from hhsim.kernels.qp import active_set, row_scan
 from hhsim.solver.qp import QpProblem
 
 Rows = tuple[FloatArray, FloatArray, FloatArray]
@@ -215,18 +214,16 @@ def outcome_of(status: int, program: Program, work: Any) -> Outcome:
 
 
 def solve_program(program: Program, guess: Iterable[int] = ()) -> Outcome:
-    """Solve rows of a tick's width, or of any number of strips."""
     work = rubbish_work(program.variables, program.rows)
     guesses = np.array([*guess, 0], dtype=np.int64)
-    kind = ProgramRows if len(program.common) in (0, STRIP) else WideRows
-    rows, limits = kernel_rows(program, kind), (program.tolerance, program.relaxation)
+    rows, limits = kernel_rows(program), (program.tolerance, program.relaxation)
     status = active_set.solve(program.variables, rows, program.target, *limits, guesses, guesses.size - 1, work)
     return outcome_of(status, program, work)
 
 
-def kernel_rows(program: Program, kind: type[ProgramRows | WideRows] = ProgramRows) -> ProgramRows | WideRows:
+def kernel_rows(program: Program) -> row_scan.Rows:
     """The rows as the kernels take them."""
-    return kind(len(program.common), program.common, program.block, program.rhs, *program.groups)
+    return row_scan.Rows(len(program.common), program.common, program.block, program.rhs, *program.groups)
 
 
 def rubbish_work(variables: int, rows: int) -> Any:

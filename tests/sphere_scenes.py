@@ -18,14 +18,13 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import Reach
+from hhsim.kernels.contact.detection import Reach, evaluate_surface
 from hhsim.kernels.contact.surface import Surface
-from hhsim.kernels.contact.surface_code import evaluate_surface
 from hhsim.kernels.hand.pose import update_kinematics
-from hhsim.kernels.round_cone_distance import Spheres
+from hhsim.kernels.round_cone import Spheres
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.evaluation import set_haptic
 from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.kernels.world.linearisation import prepare, solve_with_pairs

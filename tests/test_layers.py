@@ -54,11 +54,7 @@ IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")
 LIBRARY = library()
 COMMAND_LINE = {name: path for name, path in modules().items() if name not in LIBRARY}
 COMPILATION = tuple(
-    f"hhsim.kernels.{name}"
-    for name in (
-        *("jit", "callee", "by_reference", "kernel_cache", "kernel_files", "cache_folder", "compile_turn", "target"),
-        "shipped",
-    )
+    f"hhsim.kernels.{name}" for name in ("jit", "callee", "by_reference", "kernel_cache", "cache_folder", "target")
 )
 """What makes kernels of functions, and is none."""
 KERNELS = {name: path for name, path in LIBRARY.items() if name.startswith("hhsim.kernels") and name not in COMPILATION}

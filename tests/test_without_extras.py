@@ -11,7 +11,7 @@ from typing import NamedTuple
 import pytest
 from sweep_plans import write_plan
 
-from hhsim.solver.method_names import declared_methods
+from hhsim.solver.method import declared_methods
 
 COMMANDS: dict[str, str] = importlib.import_module("hhsim.cli.main").COMMANDS
 

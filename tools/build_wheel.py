@@ -19,9 +19,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hhsim.cli.console import progress  # type: ignore[import-not-found]
-from hhsim.kernels import shipped
+from hhsim.kernels import kernel_cache
 from hhsim.kernels.callee import CALLEE_PREFIX
-from hhsim.kernels.kernel_files import SUFFIX
+from hhsim.kernels.kernel_cache import SUFFIX
 from hhsim.kernels.target import BUILT_FOR, CHOICE, named_target
 from hhsim.system.progress import Progress, silent
 from tools.import_graph import REPOSITORY
@@ -100,7 +100,7 @@ def pack(cache: Path, folder: Path, target: str) -> None:
         content = path.read_bytes()
         (folder / name).write_bytes(content)
         lines.append(f"{hashlib.sha256(content).hexdigest()}  {name.as_posix()}\n")
-    (folder / shipped.SUMS).write_text("".join(lines), encoding="utf-8")
+    (folder / kernel_cache.SUMS).write_text("".join(lines), encoding="utf-8")
     (folder / BUILT_FOR).write_text(f"{target}\n", encoding="utf-8")
 
 
@@ -113,7 +113,7 @@ def build(folder: Path, report: Progress = silent) -> Path:
             raise SystemExit("kernels can be shipped from a machine whose processor runs the named target alone")
         target = compile_all(cache, report)
         shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
-        pack(cache, source / shipped.FOLDER.relative_to(REPOSITORY), target)
+        pack(cache, source / kernel_cache.FOLDER.relative_to(REPOSITORY), target)
         tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
         tags["--build-option"].append(f"--plat-name={PLATFORM}_{platform.machine()}")
         call = [sys.executable, "-c", BUILD, str(folder.resolve()), repr(tags)]

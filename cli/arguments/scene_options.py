@@ -23,7 +23,7 @@ UNDER, NONE = "under", "none"
 
 
 complete_trajectory = completed_by("hhsim.scene.motion_catalogue:trajectory_names")
-complete_method = completed_by("hhsim.solver.method_names:method_names")
+complete_method = completed_by("hhsim.solver.method:method_names")
 TRAJECTORY = argument("[TRAJECTORY]", default="grasp", shell_complete=complete_trajectory)
 
 
@@ -101,7 +101,7 @@ class Sampling(OptionGroup, heading="Motion"):
 def read_method(value: str) -> str:
     """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
     if value not in METHODS and ":" not in value:
-        from hhsim.solver.method_names import method_names
+        from hhsim.solver.method import method_names
 
         if value not in method_names():
             raise click.BadParameter(str(UnknownNameError("method", value, method_names())))

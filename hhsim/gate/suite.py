@@ -11,8 +11,7 @@ from msgspec import Meta, field, structs
 from hhsim.errors import InputError, UnknownNameError, check_known
 from hhsim.gate.metrics import COUNTERS, OF_SESSIONS, OF_SUBMISSIONS, OUTSIDE_DEFAULTS, SESSION_DEFAULTS, limitable
 from hhsim.metrics.run.registry import judged_metrics
-from hhsim.solver.method import METHODS
-from hhsim.solver.method_names import method_names
+from hhsim.solver.method import METHODS, method_names
 from hhsim.system.settings_file import Settings, Version, between, parse_settings, read_toml_text
 
 SUITE_FILE = "hhsim-gate.toml"

@@ -46,7 +46,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.palm_mesh import palm_mesh
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import HandArrays, forward_kinematics
-from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.kernels.round_cone import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import dot, norm, sine_and_cosine
 from hhsim.system.settings_file import Settings, between, parse_settings, read_toml_text, typed

@@ -25,8 +25,7 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
 from numba.core.registry import CPUDispatcher
 
-from hhsim.kernels.compile_turn import TURNS
-from hhsim.kernels.kernel_cache import KernelCache, Stored
+from hhsim.kernels.kernel_cache import TURNS, KernelCache, Stored
 
 CALLEE_PREFIX = "callee-"
 """How the names of callees' files begin."""

@@ -1,4 +1,19 @@
-"""Cache of compiled kernels.
+"""Turns of processes that need one kernel: the first compiles it, others wait and load it.
+
+A turn is a lock of one byte of a file in the cache, at a place given by the kernel's file: such locks end with their
+process, and need no file each. Where the system has none, nobody waits.
+
+Files of a compiled kernel, one a signature, named by it.
+
+numba names them in an index, which two processes that compile at once write over each other, and which has the types of
+all signatures: reading it takes as long as reading the code.
+
+Compiled kernels that a wheel brings: read-only, and loaded only where every byte is the one that was built.
+
+They lie in folders named as those of the cache, so that kernels of other sources, of another numba or for another
+processor are not found; `SHA256SUMS` holds a digest of each file.
+
+Cache of compiled kernels.
 
 numba's file cache sees edits of the file that holds a function but not of the functions that it calls. The kernels of a
 module therefore lie in a folder named by a digest of that module's source, of the sources of all kernel modules that it
@@ -8,23 +23,197 @@ sources shares it.
 
 import functools
 import hashlib
+import os
+import pickle
 import re
 import sys
+import time
+import warnings
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from llvmlite import binding as llvm
 from numba import types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.runtime import rtsys
 
 from hhsim.kernels.by_reference import Reference
 from hhsim.kernels.cache_folder import cache_root
-from hhsim.kernels.compile_turn import TURNS
-from hhsim.kernels.kernel_files import SUFFIX, KernelFiles
-from hhsim.kernels.shipped import ShippedCache, is_shipped
-from hhsim.kernels.target import TARGET
+from hhsim.kernels.target import BUILT_FOR, CHOICE, COMPILED, TARGET, is_named
+
+PATIENCE = 60.0
+"""Time for which one waits [s], before one compiles, too: the other process may be stopped."""
+POLL = 0.01
+"""Time between two looks [s]."""
+
+
+class Turns:
+    """The turns that this process has, one thread at a time; `on_wait` is called when it begins to wait."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._patience = path, PATIENCE
+        self._held: list[str] = []
+        self.on_wait: Callable[[], None] = lambda: None
+
+    @functools.cached_property
+    def _file(self) -> int:
+        """A descriptor that stays open: to close any of a file would end all locks that a process has on it."""
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        return os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """End all turns that are taken meanwhile, when that is done or fails."""
+        before = len(self._held)
+        try:
+            yield
+        finally:
+            while len(self._held) > before:
+                self._lock(self._held.pop(), taken=False)
+
+    def take(self, kernel: str) -> bool:
+        """Wait for the turn of a kernel, by the path of its file; return True if another process had it."""
+        began, waited = time.monotonic(), False
+        try:
+            while not self._lock(kernel):
+                if not waited:
+                    self.on_wait()
+                waited = True
+                if time.monotonic() - began > self._patience:
+                    self._patience = 0.0
+                    return True
+                time.sleep(POLL)
+        except OSError:
+            return waited
+        self._held.append(kernel)
+        return waited
+
+    def _lock(self, kernel: str, taken: bool = True) -> bool:
+        """Have a turn, or end it; return False if another process has it."""
+        if sys.platform == "win32":
+            return True
+        import fcntl
+
+        place = int.from_bytes(hashlib.sha256(kernel.encode()).digest()[:7], "big")
+        what = fcntl.LOCK_EX | fcntl.LOCK_NB if taken else fcntl.LOCK_UN
+        try:
+            fcntl.lockf(self._file, what, 1, place)
+        except (BlockingIOError, PermissionError):
+            return False
+        return True
+
+
+TURNS = Turns(cache_root() / "turns")
+"""Turns to compile what is not in the cache."""
+
+
+SUFFIX = ".nbc"
+DIGEST = hashlib.sha256().digest_size
+"""Bytes before the code: with a byte of the code flipped, LLVM ends the process."""
+
+
+class KernelFiles(IndexDataCacheFile):  # type: ignore[misc]
+    """Files of one kernel in its folder, whose name identifies sources, numba and target."""
+
+    def __init__(self, folder: str, kernel: str) -> None:
+        super().__init__(folder, kernel, "")
+        self._kernel = kernel
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep what was compiled for a key: a signature and what numba adds."""
+        self._save_data(self.name(key), data)
+
+    def load(self, key: Any) -> Any:
+        """Return what is kept for a key; None for nothing, for damage, or for a type that is declared no more."""
+        try:
+            return self._load_data(self.name(key))
+        except (OSError, AttributeError, ImportError):
+            return None
+
+    def _dump(self, data: Any) -> bytes:
+        code: bytes = super()._dump(data)
+        return hashlib.sha256(code).digest() + code
+
+    def _load_data(self, name: str) -> Any:
+        content = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
+            raise OSError(f"{name} is damaged")
+        return pickle.loads(content[DIGEST:])
+
+    def name(self, key: Any) -> str:
+        """Return the name of the file for a key."""
+        return f"{self._kernel}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}{SUFFIX}"
+
+
+FOLDER = COMPILED
+SUMS = "SHA256SUMS"
+
+
+class ShippedKernelWarning(UserWarning):
+    """A kernel of the wheel is not used, and compiled anew."""
+
+
+@functools.cache
+def sums() -> dict[str, str]:
+    """Return the digest of each file by its path in the folder; none where nothing is shipped."""
+    try:
+        lines = (FOLDER / SUMS).read_text(encoding="utf-8").splitlines()
+        built_for = (FOLDER / BUILT_FOR).read_text(encoding="utf-8").strip()
+    except OSError:
+        return {}
+    if built_for != TARGET:
+        if is_named():
+            _warn(f"the kernels of this wheel are for {built_for!r} and this is {TARGET!r}: they are compiled here")
+        return {}
+    return {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+
+
+def checked(path: Path) -> bytes | None:
+    """Return the content of a shipped file; None, with a warning, where it is missing or not what was built."""
+    name = path.relative_to(FOLDER).as_posix()
+    if name not in sums():
+        return None
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        _warn(f"{path} cannot be read ({error.strerror}): its kernel is compiled here")
+        return None
+    if hashlib.sha256(content).hexdigest() != sums()[name]:
+        _warn(f"{path} is not what was built: its kernel is compiled here")
+        return None
+    return content
+
+
+def _warn(text: str) -> None:
+    warnings.warn(f"{text}; install hhsim anew, or see {CHOICE}", ShippedKernelWarning, stacklevel=3)
+
+
+class _ShippedFiles(KernelFiles):
+    """Files of one kernel."""
+
+    def _load_data(self, name: str) -> Any:
+        content = checked(Path(self._data_path(name)))
+        if content is None:
+            raise FileNotFoundError(name)
+        return pickle.loads(content[DIGEST:])
+
+
+class ShippedCache(FunctionCache):  # type: ignore[misc]
+    """Shipped code of one kernel, which is never written."""
+
+    def __init__(self, function: Callable[..., Any], implementation: Callable[..., Any], folder: str) -> None:
+        place = FOLDER / folder
+        self._impl_class = functools.partial(implementation, folder=place)
+        super().__init__(function)
+        self._cache_file = _ShippedFiles(str(place), self._impl.filename_base)
+
+
+def is_shipped(folder: str) -> bool:
+    """Return True if the wheel brings kernels of a folder of the cache, by its name."""
+    return bool(sums()) and (FOLDER / folder).is_dir()
+
 
 PACKAGE = __name__.rpartition(".")[0]
 SOURCES = Path(__file__).parent

@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import fused, product
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_inline
-from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
+from hhsim.kernels.round_cone import RoundCone, round_cone_parameter
 
 MOST_WAITING = 1024
 """A depth-first walk holds at most (branching - 1) · depth + 1 nodes; trees have at most 5 levels."""

@@ -11,11 +11,10 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh import features as kernel
-from hhsim.kernels.mesh.bvh import pseudonormals
+from hhsim.kernels.mesh.bvh import pseudonormals, winding_numbers
 from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges, touches_itself
 from hhsim.kernels.mesh.feature_distance import ON
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.mesh.winding_number import winding_numbers
 from hhsim.mesh.topology import directed_edges, distinct_rows, face_areas, merged_vertices, part_labels
 from hhsim.reproducible import arc_tangent, dot, norm, sine_and_cosine
 

@@ -4,8 +4,17 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.mesh.inside_field import SolidField, inside, leave_inside, near
-from hhsim.kernels.mesh.tet_grid import MOST_COORDINATE, Tets, fill_table, halve_tets, locate
+from hhsim.kernels.mesh.inside_field import (
+    MOST_COORDINATE,
+    SolidField,
+    Tets,
+    fill_table,
+    halve_tets,
+    inside,
+    leave_inside,
+    locate,
+    near,
+)
 from hhsim.mesh.topology import is_closed, manifold_of, part_labels, triangles_of, used_vertices
 
 HALVINGS = 11

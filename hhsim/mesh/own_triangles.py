@@ -12,8 +12,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.mesh.winding_number import fast_winding_numbers
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
 from hhsim.mesh import topology
 from hhsim.mesh.repair import (
     BENT_HOLE,

@@ -10,8 +10,14 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals
-from hhsim.kernels.mesh.winding_number import WindingMoments, fast_winding_numbers, winding_numbers
+from hhsim.kernels.mesh.bvh import (
+    MeshBvh,
+    WindingMoments,
+    build_mesh_bvh,
+    face_normals,
+    fast_winding_numbers,
+    winding_numbers,
+)
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 

@@ -3,9 +3,8 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.cover.inscribed_sphere import depths_at
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.mesh.winding_number import WindingMoments
+from hhsim.kernels.cover.sphere_descent import depths_at
+from hhsim.kernels.mesh.bvh import MeshBvh, WindingMoments, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import part_labels
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance, winding_moments
 from hhsim.kernels.mesh.inside_field import SolidField, count_hits
-from hhsim.kernels.mesh.winding_number import winding_moments
 from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, simplified, solid_mesh
 from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent, windings_beside

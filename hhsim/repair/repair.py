@@ -57,7 +57,7 @@ from hhsim.result.schema import BETWEEN_COLUMNS
 from hhsim.result.writer import add_skin, merge_hands
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
-from hhsim.solver.known_methods import SUBMITTED, known_for_now
+from hhsim.solver.method import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission

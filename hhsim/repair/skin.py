@@ -16,7 +16,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.kernels.round_cone import cone_slope
 from hhsim.mesh.mesh import require_usable_arrays
 from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.trajectory import check_finite

@@ -16,7 +16,7 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.written_hand import balls_are_clear
+from hhsim.kernels.contact.mesh_distance import balls_are_clear
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies, object_bvh

@@ -15,11 +15,9 @@ from hhsim.replay.stored_scene import require_whole, result_scene, stored_option
 from hhsim.replay.tick_rows import HandRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import METHODS
-from hhsim.solver.one_tick import OneTick
+from hhsim.solver.method import METHODS, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, seen_hand
+from hhsim.solver.scene_solver import OneTick, SceneSolver, seen_hand
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent

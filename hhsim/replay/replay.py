@@ -40,10 +40,10 @@ from hhsim.result.schema import (
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
+from hhsim.solver.hand_solver import keeps_hands_apart
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.solver.world_solver import keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 

@@ -19,7 +19,7 @@ from hhsim.mesh.catalogue import usual_level
 from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BODIES
-from hhsim.solver.known_methods import names_code
+from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.plain_json import plain_json
 

@@ -34,7 +34,7 @@ from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
-from hhsim.solver.known_methods import names_code
+from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SeenScene
 from hhsim.trees.sphere_tree import SphereTree

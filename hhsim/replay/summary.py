@@ -38,8 +38,7 @@ from hhsim.replay.tick_rows import KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.hand_solver import HandSolver, WarmUp
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import FORCES, PROMISES, RUNS
+from hhsim.solver.method import FORCES, PROMISES, RUNS, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
 from hhsim.solver.scene_solver import SceneSolver, SeenScene

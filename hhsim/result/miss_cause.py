@@ -47,6 +47,6 @@ class TimeTaken(NamedTuple):
         The most exact is taken out of `kept` first: the run delay, then the coarse steal, then the device. The rest is
         woken late too: the system did not let the thread run, as for a stopped process or a page fault.
         """
-        from hhsim.kernels.live.accounts import cause_of
+        from hhsim.kernels.live.deadlines import cause_of
 
         return MissCause(int(cause_of(*self)))

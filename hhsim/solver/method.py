@@ -1,10 +1,24 @@
-"""Method records: promises, options, engine. A new method is a module of `hhsim.solver.methods` with a `METHOD`."""
+"""Methods: what each promises, its options and engine, and how it is found by its name.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+hhsim's own are modules of `hhsim.solver.methods` with a `METHOD`. An installed package declares one as an entry point
+of the group "hhsim.methods"; `package.module:Class` names an undeclared one. Either is a `Method`, or a class as
+`hhsim.solver.outside_method.OutsideMethod`.
+"""
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from hhsim.registry import Registry
+from hhsim.errors import InputError, UnknownNameError
+from hhsim.registry import Registry, declared
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
@@ -64,7 +78,7 @@ class Method:
 METHODS: Registry[Method] = Registry(
     "hhsim.solver.methods", "METHOD", "method", first=("coupled", "progressive", "paper", "penalty")
 )
-"""hhsim's own methods by name; `hhsim.solver.known_methods` knows those from outside too."""
+"""hhsim's own methods by name; `hhsim.solver.method` knows those from outside too."""
 
 
 def methods_that(promise: str) -> tuple[str, ...]:
@@ -75,3 +89,131 @@ def methods_that(promise: str) -> tuple[str, ...]:
 def never_penetrates(name: str) -> bool:
     """Return True if a method is known and promises it."""
     return name in METHODS and METHODS[name].never_penetrates
+
+
+GROUP = "hhsim.methods"
+"""Group of the entry points."""
+
+
+def declared_methods() -> dict[str, EntryPoint]:
+    """Return the entry points of installed packages by name, but for hhsim's own names."""
+    return {name: entry for name, entry in declared(GROUP).items() if name not in METHODS}
+
+
+def method_names() -> list[str]:
+    """Return every name that `find_method` knows, hhsim's own first, without importing a method."""
+    return [*METHODS.names(), *sorted(declared_methods())]
+
+
+def outside_class(name: str) -> Any:
+    """Import the class of a declared method or `package.module:Class`; raises InputError or UnknownNameError."""
+    if name in declared_methods():
+        found = _imported(name, declared_methods()[name].load)
+    elif ":" in name:
+        found = _imported(name, lambda: _named(name))
+    else:
+        raise UnknownNameError("method", name, method_names())
+    missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
+    if not isinstance(found, Method) and (not isinstance(found, type) or missing):
+        what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
+        expected = "expected a class with __init__(scene), begin(pose) and tick(haptic)"
+        raise InputError(f"method '{name}' is no method: {found!r} {what}; {expected}")
+    return found
+
+
+def _named(name: str) -> Any:
+    module, _, attribute = name.partition(":")
+    here = str(Path.cwd())
+    if here not in sys.path:
+        # Behind all that is installed: a file beside the user's data must not take a library's place.
+        sys.path.append(here)
+    return getattr(import_module(module), attribute)
+
+
+def _imported(name: str, load: Callable[[], Any]) -> Any:
+    try:
+        return load()
+    except (Exception, SystemExit) as error:
+        # Whatever somebody else's module raises is told in one line.
+        where = "package.module:Class, from the current folder or installed"
+        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
+
+
+def facts_of(made: Any) -> dict[str, Any]:
+    """Return `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source` (SHA-256, or "") of a class."""
+    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
+    return {
+        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
+        "forces": bool(getattr(made, "gives_forces", False)),
+        "work": bool(getattr(made, "gives_work", False)),
+        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
+        "missing": str(getattr(made, "missing", "")),
+        "source": source_of(made),
+    }
+
+
+def source_of(made: Any) -> str:
+    """Return the SHA-256 of the file of a class or function; "" without one."""
+    try:
+        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
+    except (TypeError, OSError):
+        return ""
+
+
+SUBMITTED = "submission:"
+"""Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
+_known_for_now: dict[str, Method] = {}
+
+
+def find_method(name: str) -> Method:
+    """Return the method of a name of `method_names`, or of `package.module:Class`.
+
+    Raises UnknownNameError for no such method, InputError for one that cannot be imported, or is no method.
+    """
+    if name in METHODS:
+        return METHODS[name]
+    if name in _known_for_now:
+        return _known_for_now[name]
+    if name.startswith(SUBMITTED):
+        summary = "poses that were computed elsewhere"
+        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False)
+    found = outside_class(name)
+    if isinstance(found, Method):
+        return replace(found, source=found.source or source_of(found.engine))
+    facts = facts_of(found)
+    return Method(
+        summary=facts["summary"],
+        engine=partial(_engine, name, found, facts["forces"]),
+        never_penetrates=facts["never_penetrates"],
+        follows_input=True,
+        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
+        compiled=False,
+        missing=facts["missing"],
+        source=facts["source"],
+    )
+
+
+def names_code(name: str) -> bool:
+    """Return True for `package.module:Class`, which `find_method` imports: code that the name's author chose."""
+    return ":" in name and not name.startswith(SUBMITTED) and name not in declared_methods()
+
+
+@contextmanager
+def known_for_now(name: str, method: Method) -> Iterator[None]:
+    """Make `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
+    _known_for_now[name] = method
+    try:
+        yield
+    finally:
+        del _known_for_now[name]
+
+
+def _no_engine(name: str, workspace: Any) -> Engine:
+    raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
+
+
+def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
+    # As hhsim's own, the engine is imported when it is made: it stands above what only names methods.
+    from hhsim.solver.outside_method import MethodHere, OutsideEngine
+
+    return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)

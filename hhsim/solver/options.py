@@ -10,8 +10,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.ranges import check_range
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import methods_that
+from hhsim.solver.method import find_method, methods_that
 from hhsim.solver.surface import SURFACES
 
 FORCES = ("kkt", "paper")
@@ -76,7 +75,7 @@ def usual_budget(period: float) -> int:
 class SolverOptions:
     """Options of the solver; lengths in metres; InputError for an unknown name, or a number out of its range."""
 
-    method: str = "coupled"  # one of `hhsim.solver.method_names.method_names`, or `package.module:Class`
+    method: str = "coupled"  # one of `hhsim.solver.method.method_names`, or `package.module:Class`
     surface: str = "spheres"  # one of `hhsim.solver.surface.SURFACES`: what of the object the hand touches
     qp: str = "active-set"  # `active-set`, or, of `coupled`, a backend that qpsolvers offers
     # `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.

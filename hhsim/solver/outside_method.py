@@ -194,7 +194,7 @@ class OutsideEngine:
 
     def _tick(self, sample: HandConfiguration, i: int, record: "TickRecord") -> None:
         from hhsim.kernels.hand.pose import is_finite_configuration
-        from hhsim.kernels.tick.shown_hand import look_at
+        from hhsim.kernels.tick.evaluation import look_at
         from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, WORK_UNITS
 
         good = is_finite_configuration(*sample)

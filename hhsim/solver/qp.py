@@ -16,7 +16,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.kernels.qp import active_set
-from hhsim.kernels.qp.row_scan import STRIP, WideRows
+from hhsim.kernels.qp.row_scan import STRIP, Rows
 
 ACTIVE_SET = "active-set"
 """Our own backend: `hhsim.kernels.qp.active_set`."""
@@ -141,7 +141,7 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     # Columns of zeros fill up the strips that the kernel reads.
     width = -(-n // STRIP) * STRIP
     work = active_set.new_work(width, m)
-    rows = WideRows(
+    rows = Rows(
         n_common=width,
         common=np.pad(unit.T, ((0, width - n), (0, 0))),
         block=np.zeros((3, m)),

@@ -1,30 +1,36 @@
 """Solver of a scene: the seam between its bodies in the world, and the engines, each of which has its own frame.
 
 With nothing free the frame of a hand's ticks goes along with the object of the motion; beside free bodies hands are
-given in the world, and returned as the first free body sees them.
+given in the world, and returned as the first free body sees them. `OneTick` is for loops that run ticks one by one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import structs
 
+from hhsim.arrays import Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.result.schema import bodies_row
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import HandSolver, WarmUp, require_jointed, warm_up
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, warm_up
+from hhsim.solver.method import find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.world_solver import WorldSolver
+from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
+from hhsim.solver.world_engine import seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -229,3 +235,91 @@ def warm_up_hands(scene: Scene, options: SolverOptions) -> None:
         np.full((1, 3), FAR), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
     )
     SceneSolver(scene, options).run_given([far, far._replace(position=-far.position)])
+
+
+MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
+"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
+ROWS = ObjectRecord._fields[len(MOVING) + 1 :]
+"""Fields of its contacts."""
+
+
+class OneTick:
+    """Tick of a scene that is solved again and again, by its machine code, or from Python.
+
+    Attributes:
+        haptic: Input as of `HapticBlock` [m, rad], with the hand as the first axis and one tick as the second; write it
+            before a tick.
+        record: Outcome, likewise; a tick whose pairs did not fit says so in its status.
+        row: Outcome of the bodies if one is free, of `bodies_row`, shape (1,).
+        kernel: Kernel that solves a begun tick, None where Python takes part.
+        arguments: Its arguments, which have the arrays above.
+    """
+
+    def __init__(self, solver: SceneSolver) -> None:
+        self._world, self._begun = solver.world, False
+        hands, bodies = len(solver.hands), 0 if solver.seen.free is None else 1 + len(solver.bodies)
+        self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
+        self.haptic.orientation[..., 0] = 1.0
+        self.record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
+        self.row = zeroed(bodies_row(bodies))
+        arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
+        self.kernel, self.arguments = solver.world.tick_call(self.haptic, self.record, _world_record(arrays))
+
+    @property
+    def address(self) -> int:
+        """Address of the machine code, 0 if there is none."""
+        return 0 if self.kernel is None or not JIT_ENABLED else int(self.kernel.address(*self.arguments))
+
+    @cached_property
+    def _entry(self) -> Callable[..., Any]:
+        found: Callable[..., Any] = self.kernel.entry(*self.arguments) if JIT_ENABLED else self.kernel
+        return found
+
+    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
+        """Place the hands for their first tick, see `WorldSolver.begin`; without it `solve` does."""
+        self._begun = True
+        return self._world.begin(haptic)
+
+    def solve(self) -> None:
+        """Solve a tick from Python; raises what the solver does."""
+        if self.kernel is None:
+            self._world.tick(self.haptic, self.record)
+            return
+        begun = []
+        if not self._begun:
+            hands = range(len(self.haptic.position))
+            begun = self.begin([HapticBlock(*(values[h] for values in self.haptic)) for h in hands])
+        self._entry(*self.arguments)
+        for h, start in enumerate(begun):
+            self.record.status[h, 0] |= start
+
+    def run(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
+        """Solve a tick for each configuration of the hands, and keep the bodies' as the solver's last ticks."""
+        count = len(haptic[0].position)
+        records, rows = tuple(tick_record(count) for _ in haptic), zeroed(self.row.dtype, count)
+        for i in range(count):
+            for h, hand in enumerate(haptic):
+                for values, given in zip(self.haptic, hand):
+                    values[h, 0] = given[i]
+            self.solve()
+            for h, record in enumerate(records):
+                for written, found in zip(record, self.record):
+                    written[i] = found[h, 0]
+            rows[i] = self.row[0]
+        if (engine := self._world.engine) is not None and len(self.row["turn"][0]):
+            engine.ticks, engine.all_ticks = bodies_ticks(rows)
+        return records
+
+
+def bodies_ticks(rows: Records) -> tuple[ObjectRecord, BodiesRecord | None]:
+    """Return the ticks of the first free body, and of all if there are several, from records of `bodies_row`."""
+    count = rows["contact"][:, 1]
+    kept = np.arange(rows["body"].shape[1]) < count[:, None]
+    moving = {name: rows[name][:, :, 0].swapaxes(0, 1) for name in (*MOVING, "body_wrench")}
+    contacts = {name: rows[name][kept] for name in (*ROWS, "contact_body", "other_point")}
+    return seen_ticks(_world_record({**moving, **contacts, "contact": np.concatenate([[0], np.cumsum(count)])}))
+
+
+def _world_record(arrays: dict[str, Any]) -> WorldRecord:
+    bodies = ObjectRecord(*(arrays[name] for name in ObjectRecord._fields))
+    return WorldRecord(bodies, *(arrays[name] for name in WorldRecord._fields[1:]))

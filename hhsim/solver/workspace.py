@@ -9,16 +9,22 @@ from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
+from numba import typeof
+from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_pairs
-from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.by_reference import Reference, write_rows
+from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, SurfaceCode, count_pairs, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
+from hhsim.kernels.contact.own_parts import OwnParts
+from hhsim.kernels.contact.self_pairs import SelfPairs, add_bends, add_rows, clear_fraction, foresee_rows, measure_pairs
 from hhsim.kernels.contact.surface import seen_as
-from hhsim.kernels.contact.surface_code import SurfaceCode
-from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.hand.kinematics import DOF, HandArrays
+from hhsim.kernels.jit import JIT_ENABLED
+from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
@@ -27,13 +33,50 @@ from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.own_parts import keep_apart
 from hhsim.solver.surface import SURFACES, surface_of
-from hhsim.solver.surface_code import surface_code
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
+
+
+def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> tuple[NDArray[np.int64], SurfaceCode]:
+    """Return the addresses of a surface's arrays, and the surface as ticks take it, which points to them.
+
+    The caller keeps both, and the arrays. `state_dtype` is the type of the ticks' states. What looks at this kind of
+    surface is compiled or loaded if need be.
+    Raises InputError for arrays that kernels would take field by field.
+    """
+    if JIT_ENABLED and not isinstance(typeof(arrays), Reference):
+        raise InputError(f"{type(arrays).__name__} of a surface: expected a NamedTuple that is declared by_reference")
+    # A state that nobody writes to, for the types of what is in it.
+    state = np.empty(1, state_dtype).view(np.recarray)[0]
+    written = write_rows([arrays])
+    return written, SurfaceCode(
+        code_of(evaluate, hand, state.pose, arrays, Reach(0.0, 0.0, 0.0), state.candidates, state.work),
+        code_of(find_contacts, arrays, hand, state.pose, state.candidates, 0.0, state.contacts),
+        code_of(count_pairs, arrays, hand, state.candidates, 0.0),
+        written.ctypes.data if JIT_ENABLED else arrays,
+    )
+
+
+def keep_apart(pairs: SelfPairs, options: TickOptions, hand: HandArrays) -> TickOptions:
+    """Return options of a hand's ticks with pairs of its own parts; their kernels are compiled or loaded if need be."""
+    # A state that nobody writes to, for the types of what is in it.
+    state: Any = np.empty(1, tick_state_dtype()).view(np.recarray)[0]
+    pose, rows, vector = state.pose, state.self_contact, np.zeros(DOF)
+    options = options._replace(own=OwnParts(pairs))
+    bent = pairs, pose, rows, 0, state.step.row, vector, vector, vector, vector
+    own = OwnParts(
+        pairs,
+        measuring=code_of(measure_pairs, pairs, hand, pose, 0.0, rows),
+        adding=code_of(add_rows, pairs, hand, 0.0, options, state),
+        foreseeing=code_of(foresee_rows, pairs, hand, state.warm, options, state),
+        clearing=code_of(clear_fraction, pairs, 0.0, hand, state),
+        bending=code_of(add_bends, *bent),
+    )
+    return options._replace(own=own)
+
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0

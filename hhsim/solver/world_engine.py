@@ -13,11 +13,11 @@ from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import hand_reach
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -38,8 +38,7 @@ from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.body import Joint
 from hhsim.solver.free_object import EngineBody, FreeObject, require_free
 from hhsim.solver.options import UNLIMITED
-from hhsim.solver.surface_code import surface_code
-from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, tick_record, zeroed
+from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface
 from hhsim.trees.hierarchy import build_hierarchy
 

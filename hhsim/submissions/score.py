@@ -27,8 +27,7 @@ from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import add_document
 from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene
-from hhsim.solver.known_methods import SUBMITTED, known_for_now
-from hhsim.solver.method import FORCES, TIMES, Method
+from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.reference_optimum import best_hands

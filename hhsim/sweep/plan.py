@@ -24,7 +24,7 @@ from hhsim.replay.run_inputs import USUAL_SCENE
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.surface import SURFACES
 from hhsim.sweep.input_files import file_digest, source_digest

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from numba.core import event
 
 from hhsim.kernels.callee import Kernel
-from hhsim.kernels.compile_turn import TURNS
+from hhsim.kernels.kernel_cache import TURNS
 
 COMPILING = "hhsim: compiling the kernels that this needs: once, and again after an upgrade"
 

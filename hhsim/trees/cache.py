@@ -22,7 +22,7 @@ SHIPPED_SUFFIX = "-tree.h5"
 
 _SOURCES = (
     *("trees", "kernels/cover", "kernels/mesh", "kernels/enclosing_sphere.py", "kernels/kd_tree.py"),
-    *("kernels/round_cone_distance.py", "kernels/triangle.py", "kernels/rotation.py", "kernels/elementary.py"),
+    *("kernels/round_cone.py", "kernels/triangle.py", "kernels/rotation.py"),
     *("kernels/arithmetic.py", "mesh/own_triangles.py", "mesh/signed_bvh.py", "mesh/topology.py", "reproducible.py"),
 )
 """Folders and files of hhsim that a built tree depends on: a change of one makes cached trees stale."""

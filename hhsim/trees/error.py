@@ -4,7 +4,7 @@ import numpy as np
 
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
-from hhsim.kernels.cover.sampled_error import exposed, union_distance
+from hhsim.kernels.cover.cover_error import exposed, union_distance
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.mesh.signed_bvh import heights
 from hhsim.mesh.topology import face_areas, random_points

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.kernels.cover.dearest_places import find_dearest
-from hhsim.kernels.cover.joint_descent import BLOCK, descend_together, enclose_blocks, find_owners
-from hhsim.kernels.cover.micro_triangle import cut_mesh, edges_for
-from hhsim.kernels.cover.volume_outside import reduce_outside
+from hhsim.kernels.cover.certify import cut_mesh, edges_for
+from hhsim.kernels.cover.cover_error import reduce_outside
+from hhsim.kernels.cover.joint_descent import BLOCK, descend_together, enclose_blocks, find_dearest, find_owners
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers

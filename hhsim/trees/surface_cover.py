@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.cover import greedy_cover as kernel
-from hhsim.kernels.cover.micro_triangle import MicroTriangles, cut_mesh, edges_for, halve
+from hhsim.kernels.cover.certify import MicroTriangles, cut_mesh, edges_for, halve
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, face_normals

@@ -20,8 +20,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method_names import declared_methods
+from hhsim.solver.method import declared_methods, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene
 from hhsim.trees.contact_surface import contact_surface

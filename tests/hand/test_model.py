@@ -20,7 +20,7 @@ from hhsim.hand.model import HandModel, Side, default_fingers, format_hand_file
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, RoundCones, palm_mesh, palm_parts
 from hhsim.kernels.hand import kinematics
 from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.kernels.round_cone import cone_slope
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import undirected_edges
 

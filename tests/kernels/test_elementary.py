@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.elementary import LARGEST_ANGLE, arc_tangent, exponential, hypotenuse, sine_cosine
+from hhsim.kernels.arithmetic import LARGEST_ANGLE, arc_tangent, exponential, hypotenuse, sine_cosine
 from hhsim.reproducible import arc_tangent as arc_tangents
 from hhsim.reproducible import exponential as exponentials
 from hhsim.reproducible import sine_and_cosine

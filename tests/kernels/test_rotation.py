@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.euler import euler_quaternion
-from hhsim.kernels.rotation import quaternion_to_matrix, rotate_quaternion, rotation_vector_between
+from hhsim.kernels.rotation import euler_quaternion, quaternion_to_matrix, rotate_quaternion, rotation_vector_between
 
 
 def unit(seed: int) -> FloatArray:

@@ -8,7 +8,7 @@ from mesh_oracle import Cones, to_cone
 from sphere_scenes import spheres_of
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.round_cone_distance import round_cone_distances
+from hhsim.kernels.round_cone import round_cone_distances
 
 Scene = tuple[FloatArray, float, FloatArray, FloatArray, float, float]
 TOLERANCE = 1e-12

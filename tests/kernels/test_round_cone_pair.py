@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from mesh_oracle import Cones
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.round_cone_pair import round_cone_pair
+from hhsim.kernels.round_cone import round_cone_pair
 
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 points = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hhsim.kernels.jit import JIT_ENABLED
-from hhsim.kernels.shipped import SUMS
+from hhsim.kernels.kernel_cache import SUMS
 from hhsim.kernels.target import BUILT_FOR, TARGET
 from tools.build_wheel import pack
 
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.skipif(not JIT_ENABLED, reason="without the compiler no
 RUN = """
 import sys
 from pathlib import Path
-from hhsim.kernels import shipped
-shipped.FOLDER = Path(sys.argv[1])
+from hhsim.kernels import kernel_cache
+kernel_cache.FOLDER = Path(sys.argv[1])
 import numpy as np
 from numba.core import event
 with event.install_recorder("numba:compile") as compiled:

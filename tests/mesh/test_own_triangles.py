@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hhsim.kernels.cover.sampled_error import union_distance
+from hhsim.kernels.cover.cover_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
 from hhsim.mesh.signed_bvh import heights, signed_bvh

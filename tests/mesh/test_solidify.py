@@ -14,8 +14,7 @@ from sampled import sampled
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance
-from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, face_normals, mesh_signed_distance, winding_numbers
 from hhsim.mesh import solidify
 from hhsim.mesh.file import read_triangles
 from hhsim.mesh.mesh import Mesh, load_mesh

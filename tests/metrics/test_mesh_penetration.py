@@ -12,8 +12,7 @@ from short_grasp import short_grasp, short_scene
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.mesh.winding_number import winding_numbers
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance, winding_numbers
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.mesh_penetration import contact_error, find_contact_points, mesh_clearance
 from hhsim.metrics.run_ticks import PLACED, result_ticks

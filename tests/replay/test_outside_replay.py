@@ -12,8 +12,7 @@ from hhsim.errors import InputError
 from hhsim.metrics.run.registry import known_figures, run_metrics
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
-from hhsim.solver.method import EVERYTHING
-from hhsim.solver.method_names import outside_class
+from hhsim.solver.method import EVERYTHING, outside_class
 from hhsim.solver.options import SolverOptions
 from hhsim.verify.verify import verify
 

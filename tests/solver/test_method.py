@@ -12,9 +12,7 @@ from conftest import Run
 
 import hhsim.solver.methods
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import EVERYTHING, METHODS, USUAL, methods_that, never_penetrates
-from hhsim.solver.method_names import method_names
+from hhsim.solver.method import EVERYTHING, METHODS, USUAL, find_method, method_names, methods_that, never_penetrates
 from hhsim.solver.options import SolverOptions
 
 FOLLOW = '''

@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import farthest_joint, move, update_kinematics
 from hhsim.kernels.tick.force import ease_forces
 from hhsim.kernels.tick.state import STATUS_SNAP, tick_state_dtype
-from hhsim.kernels.tick.step_length import LEAST_STEP, keep_bound
+from hhsim.kernels.tick.step import LEAST_STEP, keep_bound
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene

@@ -31,7 +31,7 @@ from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES, Surface, cone_distance, gather_pairs, measure_pairs, pairs_within, record_pairs,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.copy import copy_values
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.jit import jit
 
 ROOM = 1024

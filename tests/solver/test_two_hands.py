@@ -12,9 +12,8 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.world.record import ObjectRecord
 from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.hand_solver import HandSolver, WorldSolver
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.solver.world_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 EDGE = 0.04

@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.round_cone_distance import cone_slope
+from hhsim.kernels.round_cone import cone_slope
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, capsules, hand_mjcf, joint_angles
 
 SIDES = ("right", "left")

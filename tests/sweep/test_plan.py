@@ -7,7 +7,7 @@ from joint_samples import joint_sample, openxr_csv
 from sweep_plans import PLAN, write_plan
 
 from hhsim.errors import InputError
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import find_method
 from hhsim.sweep.input_files import file_digest
 from hhsim.sweep.plan import SweepPlan, load_plan
 

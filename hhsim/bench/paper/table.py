@@ -13,7 +13,7 @@ from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_
 from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.run.contact import JUMP
 from hhsim.metrics.run.force import FELT
-from hhsim.solver.known_methods import find_method
+from hhsim.solver.method import find_method
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 

@@ -19,9 +19,7 @@ from hhsim.hand.model import HandModel
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.result.reader import Result
 from hhsim.solver.hand_solver import warm_up
-from hhsim.solver.known_methods import find_method
-from hhsim.solver.method import FORCES
-from hhsim.solver.method_names import declared_methods
+from hhsim.solver.method import FORCES, declared_methods, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.system.progress import Progress
 from hhsim.table.file import ALL

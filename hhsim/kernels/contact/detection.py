@@ -8,6 +8,11 @@ no point of the body moves farther than an end of its axis, or a corner of a box
 means of them. So these pieces are still at least slack = gathered_slack - that distance away. A body is gathered anew
 before its slack falls below what the next step needs, less an allowed deficit; a step that is longer than the slack
 gathers it first, or is cut short.
+
+A surface as ticks take it, whatever its kind: the addresses of the machine code that looks at it, and of its arrays.
+
+So that a tick is compiled once for all surfaces, and each surface's own code once for all ticks. It is called a few
+times a program, with all bodies of a hand at once.
 """
 
 import math
@@ -15,9 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.machine_code import call_code
 
 COUNT_NODE_TESTS = 0
 COUNT_PAIR_TESTS = 1
@@ -230,3 +237,42 @@ def find_contacts(
             contacts.phalanx_end[f, k] = row
         contacts.start[f + 2] = row
     return 0
+
+
+@by_reference
+class SurfaceCode(NamedTuple):
+    """Machine code of `kernels.contact.detection` for a surface, by `code_of`, and the arrays that it is called with.
+
+    Candidates are known by `SHARED_CANDIDATES` alone: those of each kind of surface begin with them.
+    """
+
+    evaluating: int  # of `evaluate`
+    finding: int  # of `find_contacts`
+    counting: int  # of `count_pairs`
+    arrays: Any  # address of the arrays; where nothing is compiled the arrays themselves
+
+
+@jit_noinline
+def evaluate_surface(
+    hand: HandArrays, pose: Record, surface: SurfaceCode, reach: Reach, candidates: Record, work: Indices
+) -> int:
+    """Do what `evaluate` does."""
+    return call_code(surface.evaluating, (hand, pose, surface.arrays, reach, candidates, work[:]))
+
+
+@jit_noinline
+def find_surface_contacts(
+    surface: SurfaceCode, hand: HandArrays, pose: Record, candidates: Record, margin: float, contacts: Record
+) -> int:
+    """Do what `find_contacts` does."""
+    return call_code(surface.finding, (surface.arrays, hand, pose, candidates, margin, contacts))
+
+
+@jit_inline
+def pairs_near(surface: SurfaceCode, hand: HandArrays, candidates: Record, limit: float) -> tuple[int, int]:
+    """Count the bodies and the pairs that are at most `limit` [m] from the surface."""
+    bodies = 0
+    for body in range(BODY_COUNT):
+        if candidates.nearest[body] <= limit:
+            bodies += 1
+    return bodies, call_code(surface.counting, (surface.arrays, hand, candidates, limit)) if bodies > 0 else 0

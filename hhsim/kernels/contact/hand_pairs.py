@@ -25,8 +25,7 @@ from hhsim.kernels.hand.kinematics import (
     placed_sphere,
 )
 from hhsim.kernels.jit import Record, as_int64, jit, jit_inline, jit_noinline
-from hhsim.kernels.round_cone_distance import RoundCone
-from hhsim.kernels.round_cone_pair import round_cone_pair
+from hhsim.kernels.round_cone import RoundCone, round_cone_pair
 
 HAND_ROWS = 64
 """Most rows of such pairs in a program; what it lacks is found by the true distances."""

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.linearise import LEVER_FLOOR, LIMIT_ROWS, limit_start, point_jacobian
-from hhsim.kernels.copy import copy_values
-from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
@@ -31,9 +30,9 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned_back
-from hhsim.kernels.round_cone_distance import RoundCone, round_cone_parameter
-from hhsim.kernels.round_cone_pair import round_cone_pair
+from hhsim.kernels.round_cone import RoundCone, round_cone_pair, round_cone_parameter
 
 SELF_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) // 2 + PHALANX_COUNT * FINGER_COUNT
 """Most pairs of a hand."""

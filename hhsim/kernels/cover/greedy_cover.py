@@ -11,9 +11,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.cover.inscribed_sphere import far_corner2, place_sphere
-from hhsim.kernels.cover.micro_triangle import MicroTriangles
-from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere
+from hhsim.kernels.cover.certify import MicroTriangles
+from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere, far_corner2, place_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh

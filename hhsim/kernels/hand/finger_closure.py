@@ -19,7 +19,7 @@ from hhsim.kernels.hand.kinematics import (
     placed_sphere,
 )
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
-from hhsim.kernels.round_cone_distance import round_cone_parameter, sphere_cone
+from hhsim.kernels.round_cone import round_cone_parameter, sphere_cone
 from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
 
 CONTACT = 2e-5

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit_allocating, jit_inline
-from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
+from hhsim.kernels.round_cone import RoundCone, sphere_cone
 
 FINGER_COUNT = 5
 PHALANX_COUNT = 3
@@ -36,7 +36,7 @@ class HandArrays(NamedTuple):
     abduction_sign: Array  # +1 if a positive turn about dorsal is towards the thumb (right hand), -1 left, (1,)
     length: Array  # distance between joint centres, the last one to the tip sphere's centre [m], (5, 3)
     radius: Array  # at each joint and at the tip, not growing towards the tip [m], (5, 4)
-    tan_slope: Array  # with the next as of `kernels.round_cone_distance.cone_slope`, (5, 3)
+    tan_slope: Array  # with the next as of `kernels.round_cone.cone_slope`, (5, 3)
     inverse_length: Array  # (5, 3)
     flexion_min: Array  # joint limits [rad], (5, 3)
     flexion_max: Array

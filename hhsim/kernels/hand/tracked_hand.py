@@ -7,7 +7,7 @@ nearest to a finger's three bones, the same angles in it.
 import math
 from typing import NamedTuple
 
-from hhsim.kernels.elementary import arc_tangent, hypotenuse, sine_cosine
+from hhsim.kernels.arithmetic import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, jit
 from hhsim.kernels.rotation import turned, turned_back

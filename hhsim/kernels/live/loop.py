@@ -8,8 +8,17 @@ from numpy.typing import NDArray
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
 from hhsim.kernels.jit import as_int64, jit
-from hhsim.kernels.live.accounts import account_waking, measure_miss, name_miss, read_run_delay, read_steal
-from hhsim.kernels.live.deadlines import begin_periods, due_time, next_deadline, woken
+from hhsim.kernels.live.deadlines import (
+    account_waking,
+    begin_periods,
+    due_time,
+    measure_miss,
+    name_miss,
+    next_deadline,
+    read_run_delay,
+    read_steal,
+    woken,
+)
 from hhsim.kernels.live.tick import (
     LiveArrays,
     WorldTick,

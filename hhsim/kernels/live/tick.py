@@ -10,12 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.jit import Indices, Record, as_int64, jit
-from hhsim.kernels.live.accounts import CAUSES
-from hhsim.kernels.live.deadlines import NOTHING
-from hhsim.kernels.live.finger_command import ease_fingers, free_fingers, update_command
-from hhsim.kernels.live.interlock import (
+from hhsim.kernels.live.deadlines import CAUSES, NOTHING, count_phase, deadline_shift
+from hhsim.kernels.live.finger_command import (
     DEVICE_LOST,
     DRY_RUN,
     FREES_BOTH,
@@ -23,12 +20,24 @@ from hhsim.kernels.live.interlock import (
     OTHER_HAND,
     OVERRUN_STREAK,
     SOLVER_FAILED,
+    ease_fingers,
+    free_fingers,
     judge,
+    update_command,
 )
-from hhsim.kernels.live.notes import BEGAN_INSIDE, DRIVER_SILENT, FULL, LONG_TICK, MISSED, REFUSED, SAFETY_CHANGED, note
-from hhsim.kernels.live.phase import count_phase, deadline_shift
-from hhsim.kernels.live.plausibility import use_sample
-from hhsim.kernels.parallel.atomic import fetch_add, load_acquire, store_release
+from hhsim.kernels.live.plausibility import (
+    BEGAN_INSIDE,
+    DRIVER_SILENT,
+    FULL,
+    LONG_TICK,
+    MISSED,
+    REFUSED,
+    SAFETY_CHANGED,
+    note,
+    use_sample,
+)
+from hhsim.kernels.memory import copy_values
+from hhsim.kernels.parallel.thread_team import fetch_add, load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_START_INSIDE, WORK_TOUCHING
 

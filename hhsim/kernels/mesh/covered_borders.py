@@ -6,11 +6,11 @@ Loose triangles in a floor have borders in the list of faces and none in space: 
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.elementary import sine_cosine
+from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.mesh.feature_distance import ON, above, triangle_distance
 from hhsim.kernels.mesh.features import ALONG, BRANCHING, FaceSpheres, gather_faces
-from hhsim.kernels.round_cone_distance import RoundCone, sphere_cone
+from hhsim.kernels.round_cone import RoundCone, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 
 Flags = NDArray[np.bool_]

@@ -3,7 +3,7 @@
 A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here
 with s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.
 
-Vertex: as a sphere of radius 0 (`kernels.round_cone_distance`). Edge: without the component along the edge the axis is
+Vertex: as a sphere of radius 0 (`kernels.round_cone`). Edge: without the component along the edge the axis is
 a straight line q(s) = q_0 + s q_1 in a plane, and |q(s)| + k s is least at
 
     s = s_0 - k h / sqrt(q (q - k²)),   s_0 = -q_0 · q_1 / q,   q = |q_1|²,   h = |q_0 + s_0 q_1|,
@@ -11,15 +11,22 @@ a straight line q(s) = q_0 + s q_1 in a plane, and |q(s)| + k s is least at
 or, where q <= k², at the large end. The minimum counts where its foot lies on the edge; beyond it, it is a vertex's.
 Face: along its normal the distance is linear in s, so that an end is nearest; it counts where the end lies above the
 inside of the face. If a body's witness does not lie on the feature the distance is `ELSEWHERE`.
+
+Winding number of closed triangles around a point, counted along rays.
+
+It is the number of triangles that a ray leaves through less those it enters through. It is needed where the nearest
+triangle says inside, which holds only if no triangles cut through each other (Bærentzen and Aanæs, 2005). A ray that
+meets an edge may count wrong; so three of them vote.
 """
 
 import math
 
 import numpy as np
 
-from hhsim.kernels.jit import Array, jit, jit_inline
-from hhsim.kernels.mesh.features import FACE_FIELDS, MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.jit import Array, Indices, jit, jit_inline
+from hhsim.kernels.mesh.features import BRANCHING, FACE_FIELDS, NOWHERE, FaceSpheres, MeshFeatures, block_distance
+from hhsim.kernels.round_cone import RoundCone
+from hhsim.kernels.triangle import ray_crossing
 
 ELSEWHERE = 1e300
 """Distance to a feature whose nearest point belongs to another one [m]."""
@@ -279,3 +286,41 @@ def vertex_bound(mesh: MeshFeatures, i: int, cone: RoundCone, tolerance: float) 
     distance, _ = vertex_distance(vertex, i, cone)
     dx, dy, dz = cone.x - vertex[i, 0], cone.y - vertex[i, 1], cone.z - vertex[i, 2]
     return max(distance, _outside_normals(mesh.spoke, start, stop, cone, dx, dy, dz) - tolerance)
+
+
+DIRECTIONS = ((9 / 25, 12 / 25, 20 / 25), (-96 / 125, 75 / 125, 28 / 125), (2 / 7, -6 / 7, -3 / 7))
+"""Unit vectors, none along an axis or in a coordinate plane."""
+
+
+@jit
+def is_surrounded(
+    spheres: FaceSpheres, corner: Array, multiplicity: Indices, x: float, y: float, z: float, stack: Indices
+) -> bool:
+    """Return True if closed triangles of `MeshFeatures` surround a point [m]; `stack` has shape (STACK_SIZE,)."""
+    root, farthest = spheres.block[0], 0.0
+    for i in range(BRANCHING):
+        if root[0, i] < NOWHERE:
+            away = (root[0, i] - x) ** 2 + (root[1, i] - y) ** 2 + (root[2, i] - z) ** 2
+            farthest = max(farthest, math.sqrt(away) + root[3, i])
+    votes = 0
+    for dx, dy, dz in DIRECTIONS:
+        ray = RoundCone(x, y, z, dx, dy, dz, 2.0 * farthest, 0.0, 0.0, 0.0, 0.0)
+        times = 0
+        stack[0] = 0
+        top = 1
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            for i in range(BRANCHING):
+                if not block_distance(spheres.block, node, i, ray) <= 0.0:
+                    continue
+                child = spheres.child[node, i]
+                if child >= 0:
+                    stack[top] = child
+                    top += 1
+                    continue
+                along, facing = ray_crossing(corner[-1 - child], x, y, z, dx, dy, dz)
+                if along > 0.0:
+                    times += multiplicity[-1 - child] * (-1 if facing > 0.0 else 1)
+        votes += 1 if times > 0 else 0
+    return votes >= 2

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import split_widest
-from hhsim.kernels.prefetch import prefetch
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.memory import prefetch
+from hhsim.kernels.round_cone import RoundCone
 
 BRANCHING = 8
 GROUP_TESTS = 6

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.contact.surface_code import pairs_near
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline, jit_noinline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parts.surface import KEY_STRIDE, PartsMotion, passing
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, write_unit_quaternion

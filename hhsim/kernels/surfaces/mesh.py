@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
-from hhsim.kernels.contact.redundant_contacts import move_contact
+from hhsim.kernels.contact.linearise import move_contact
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
+    TIERS,
     ContactPoints,
     Surface,
     Walk,
@@ -21,13 +22,17 @@ from hhsim.kernels.contact.surface import (
     cone_distance,
     gather_pairs,
     measure_pairs,
+    next_tier,
     pairs_within,
     record_pairs,
+    start_tiers,
+    tier_depth,
+    tier_of,
     way_out,
 )
-from hhsim.kernels.contact.tiers import TIERS, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
+from hhsim.kernels.memory import prefetch
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
     ON,
@@ -36,6 +41,7 @@ from hhsim.kernels.mesh.feature_distance import (
     edge_distances,
     face_bounds,
     face_distances,
+    is_surrounded,
     line_witness,
     triangle_distance,
     vertex_bound,
@@ -51,9 +57,7 @@ from hhsim.kernels.mesh.features import (
     block_distance,
     gather_faces,
 )
-from hhsim.kernels.mesh.ray_winding import is_surrounded
-from hhsim.kernels.prefetch import prefetch
-from hhsim.kernels.round_cone_distance import RoundCone, count_within, least_distance, sphere_cone
+from hhsim.kernels.round_cone import RoundCone, count_within, least_distance, sphere_cone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 

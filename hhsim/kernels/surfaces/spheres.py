@@ -9,6 +9,7 @@ from numba import from_dtype
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
+    TIERS,
     ContactPoints,
     Surface,
     Walk,
@@ -16,13 +17,17 @@ from hhsim.kernels.contact.surface import (
     cone_distance,
     gather_pairs,
     measure_pairs,
+    moved_since,
+    next_tier,
     pairs_within,
     record_pairs,
+    start_tiers,
+    tier_depth,
+    tier_of,
 )
-from hhsim.kernels.contact.tiers import TIERS, moved_since, next_tier, start_tiers, tier_depth, tier_of
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
 from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, lowered
-from hhsim.kernels.round_cone_distance import (
+from hhsim.kernels.round_cone import (
     RoundCone,
     Spheres,
     count_within,

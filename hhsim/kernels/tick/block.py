@@ -1,4 +1,9 @@
-"""Blocks of ticks: many in one compiled call, each of them timed and recorded."""
+"""Dispatch by method: a method is the type of its options, and its tick is declared for that type.
+
+`coupled` and `progressive` are ticks of hands and bodies, `kernels.world.tick`.
+
+Blocks of ticks: many in one compiled call, each of them timed and recorded.
+"""
 
 from typing import Any, NamedTuple
 
@@ -7,15 +12,22 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.surface_code import SurfaceCode
-from hhsim.kernels.copy import copy_values
+from hhsim.kernels.contact.detection import SurfaceCode
 from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, generic, jit, jit_inline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import tick
+from hhsim.kernels.tick.evaluation import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
+
+OVERFLOW = -1
+"""Status of a linearisation whose contacts do not fit into the arrays; the others are those of `qp.active_set`."""
+
+
+@generic
+def tick(method: Any, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
+    """Bring the graphic hand towards the haptic hand (`set_haptic`); returns status bits."""
 
 
 @by_reference

@@ -16,9 +16,9 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.options import TickOptions
 

@@ -1,6 +1,6 @@
 """Method `paper`: the decoupled-and-progressive optimisation of Tong et al. as printed, the baseline of every table.
 
-One tick (their Fig. 3, Section IV): pairs of the graphic hand of t - 1, grown by Δr (`kernels.tick.paper_detection`);
+One tick (their Fig. 3, Section IV): pairs of the graphic hand of t - 1, grown by Δr (`kernels.tick.paper_contacts`);
 the palm's program, ½ (q - q_h)ᵀ G (q - q_h) with q = (x, y, z, α, β, γ), linearised once; each finger's on that palm, ½
 (θ - θ_h)ᵀ G_r (θ - θ_h), within its joint limits; forces by Eq. 14 or the multipliers. Nothing is checked afterwards,
 no step is bounded. docs/methods.md says what was chosen where the paper is silent. A part that is stuck inside takes
@@ -13,24 +13,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import SurfaceCode
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
-from hhsim.kernels.contact.surface_code import SurfaceCode
-from hhsim.kernels.copy import copy_values
-from hhsim.kernels.euler import euler_axes, euler_quaternion, nearest_euler
-from hhsim.kernels.hand.frustum import FRUSTUM, SHAPE, frustum_shapes, place_frustum
+from hhsim.kernels.hand.hand_shape import FRUSTUM, SHAPE, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import Rows
+from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
+from hhsim.kernels.tick.block import tick
 from hhsim.kernels.tick.evaluation import spent_units
 from hhsim.kernels.tick.force import hand_forces
-from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.paper_constraints import LIMITS, palm_contacts, palm_rows, phalanx_contacts, phalanx_rows
-from hhsim.kernels.tick.paper_detection import PALM_STACK, detect, finger_is_free, palm_is_free
+from hhsim.kernels.tick.paper_contacts import (
+    LIMITS,
+    PALM_STACK,
+    detect,
+    finger_is_free,
+    palm_contacts,
+    palm_is_free,
+    palm_rows,
+    phalanx_contacts,
+    phalanx_rows,
+)
 from hhsim.kernels.tick.state import (
     STATUS_STUCK,
     UNITS_CONTACT,
@@ -52,12 +61,12 @@ PAPER_STATE = np.dtype(
         ("haptic_euler", np.float64, (3,)),  # those of the haptic palm
         ("axes", np.float64, (3, 3)),  # world axes of the three angles
         ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # joint angles set aside while others are looked at [rad]
-        ("shapes", np.float64, (PALM_BODY, SHAPE)),  # of each phalanx, see `kernels.hand.frustum`
+        ("shapes", np.float64, (PALM_BODY, SHAPE)),  # of each phalanx, see `kernels.hand.hand_shape`
         ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # the joints' limits [rad]
         ("highest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
         ("frustum", FRUSTUM),  # the phalanx at hand
         ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),  # which part of its phalanx each pair is with
-        ("closed", np.bool_),  # spheres close all ends of the frustums, see `kernels.hand.frustum.in_range`
+        ("closed", np.bool_),  # spheres close all ends of the frustums, see `kernels.hand.hand_shape.in_range`
         # 1 where the palm, and each finger, has more pairs than its arrays hold
         ("full", np.int8, (FINGER_COUNT + 1,)),
         ("normal", np.float64, (3, ROW_CAPACITY)),  # of each row, from object to hand
@@ -101,10 +110,9 @@ def _solve(
     paper.start[0] = 0
     paper.stop[0] = row_count
     paper.first[0] = 0 if shared == 0 else -1
-    rows = ProgramRows(
-        shared, problem.common[:], problem.block[:], problem.rhs[:], paper.start[:], paper.stop[:], paper.first[:]
-    )
-    guess, none = paper.guess[:], as_int64(0)
+    guess, none, common = paper.guess[:], as_int64(0), problem.common[:]
+    groups = paper.start[:], paper.stop[:], paper.first[:]
+    rows = Rows(shared, common, problem.block[:], problem.rhs[:], *groups, common, none, none, none)
     status = solve(variables, rows, paper.target[:], options.tolerance, options.relaxation, guess, none, qp)
     state.step.iterations += qp.counts[1]
     return status == OPTIMAL

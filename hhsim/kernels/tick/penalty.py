@@ -9,7 +9,7 @@ the world, so that a sensor's steps do not kick the hand; the price is a delay o
     ½ α |y|² - y · (y* + τ²/h √G v) + Σ ½ w_i max(0, r_i - a_i · y)²,   α = 1 + 2τ/h + τ²/h²,
 
 convex and piecewise quadratic. A Newton iteration finds it in a few rounds: which contacts push, one Cholesky
-factorisation (`kernels.qp.cholesky`), and again until the set stays. Joint limits are springs `LIMIT_WEIGHT` times as
+factorisation (`kernels.qp.qr_update`), and again until the set stays. Joint limits are springs `LIMIT_WEIGHT` times as
 stiff as the joint's. Every sphere in touch has its own spring: to divide by their number, or to keep the deepest alone,
 would make the force jump where one joins. The backward step is stable at any stiffness.
 """
@@ -21,19 +21,24 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach
+from hhsim.kernels.contact.detection import (
+    CONTACT_ROWS,
+    Reach,
+    SurfaceCode,
+    evaluate_surface,
+    find_surface_contacts,
+    pairs_near,
+)
 from hhsim.kernels.contact.linearise import build_rows
-from hhsim.kernels.contact.surface_code import SurfaceCode, evaluate_surface, find_surface_contacts, pairs_near
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import move, update_kinematics
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.qp.cholesky import factorise, solve_factorised
+from hhsim.kernels.qp.qr_update import factorise, solve_factorised
+from hhsim.kernels.tick.block import tick
 from hhsim.kernels.tick.evaluation import spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, add_force, clear_forces, finish_forces, proxy_forces
-from hhsim.kernels.tick.linearisation import step_to_haptic
-from hhsim.kernels.tick.method import tick
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
@@ -49,7 +54,7 @@ from hhsim.kernels.tick.state import (
     WORK_UNITS,
 )
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
-from hhsim.kernels.tick.tick import begin_tick
+from hhsim.kernels.tick.tick import begin_tick, step_to_haptic
 
 LIMIT_WEIGHT = 1e10
 """Stiffness of a joint's limit, in units of the joint's coupling."""

@@ -1,13 +1,23 @@
-"""Restoration after steps that end inside the object and programs without a solution."""
+"""Restoration after steps that end inside the object and programs without a solution.
+
+Prediction of the pose that a tick begins with: the last one, moved on as in the last tick.
+
+A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
+there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from
+there returns to where it began. No decision depends on how old the lists of pairs are: neither do the bits.
+"""
 
 import math
 
-from hhsim.kernels.contact.surface_code import SurfaceCode
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.contact.detection import SurfaceCode
+from hhsim.kernels.contact.linearise import clamp_to_limits
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
-from hhsim.kernels.jit import Record, jit, jit_noinline
-from hhsim.kernels.tick.evaluation import evaluate_pose, least_distance
+from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
+from hhsim.kernels.rotation import rotation_vector_between
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step import allowed_fraction
 
 TRUST_DECAY = 0.25
 """Share of the trust radius that is left when a step has been taken back."""
@@ -72,3 +82,70 @@ def only_restores(options: TickOptions, state: Record, done: int) -> bool:
     is_last = done == options.linearisations - 1
     is_lost = is_last and state.trust.radius < options.margin and not progress.is_accepted
     return progress.failed_steps > 0 and (is_lost or progress.snaps)
+
+
+STEADY = 2.0
+"""Ratio of a tick's path to that of the tick before, above which the hand has jumped and nothing is predicted."""
+SLOWER = 0.5
+"""Ratio of the user's motion to that of the last tick, below which nothing is predicted: the hand stops."""
+UNFORESEEN = 0.5
+"""Reach of the first program after a prediction, as a share of the predicted motion."""
+
+
+@jit
+def judge_last_tick(state: Record) -> None:
+    """Take from the last tick whether its motion predicts the next one, before its progress is reset."""
+    prediction, progress = state.prediction, state.progress
+    prediction.is_steady = progress.lag == 0.0 and progress.path <= STEADY * prediction.previous_path
+    prediction.previous_path = progress.path
+
+
+@jit
+def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
+    """Write a share of the last tick's motion into the step, within the joints' limits."""
+    pose, start, delta = state.pose, state.prediction.start, state.step.delta
+    rotation_vector_between(start.orientation, pose.orientation, state.scratch)
+    for i in range(3):
+        delta[i] = share * (pose.position[i] - start.position[i])
+        delta[3 + i] = share * state.scratch[i]
+    for f in range(FINGER_COUNT):
+        state.problem.abduction_step[f] = share * (pose.abduction[f] - start.abduction[f])
+        for k in range(PHALANX_COUNT):
+            delta[6 + 3 * f + k] = share * (pose.flexion[f, k] - start.flexion[f, k])
+        clamp_to_limits(hand, pose, f, delta[:])
+
+
+@jit_noinline
+def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
+    """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
+    prediction, sample, progress = state.prediction, state.input, state.progress
+    reach = min(state.trust.reach, state.trust.radius)
+    share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0
+    prediction.is_predicted = False
+    foreseeable = share >= SLOWER and prediction.is_steady and state.active.count > 0
+    if foreseeable:
+        _last_motion(hand, share, state)
+    copy_configuration(state.pose, prediction.start)
+    if not foreseeable:
+        return
+    fraction, longest = allowed_fraction(hand, options, state)
+    if fraction < 1.0 or not options.step_tolerance < longest <= reach:
+        return
+    prediction.is_predicted = True
+    move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)
+    progress.differs_from_safe = True
+    progress.path += longest
+    state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
+    evaluate_pose(hand, surface, options, state)
+
+
+@jit_inline
+def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
+    """Return to where the tick began if its hand is there by prediction alone; returns whether it was."""
+    if not state.prediction.is_predicted:
+        return False
+    state.prediction.is_predicted = False
+    state.progress.snaps = False
+    take_back(state)
+    evaluate_pose(hand, surface, options, state)
+    return True

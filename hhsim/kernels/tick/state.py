@@ -78,7 +78,7 @@ PREDICTION = np.dtype(
     ],
     align=True,
 )
-"""Prediction of the pose, see `kernels.tick.prediction`."""
+"""Prediction of the pose, see `kernels.tick.restoration`."""
 
 TRUST = np.dtype(
     [
@@ -97,7 +97,7 @@ PROGRESS = np.dtype(
         ("differs_from_safe", np.bool_),
         # a tick accepted no step, or only a share of one, and the hand has not arrived since
         ("is_unfinished", np.bool_),
-        ("restarted", np.int64),  # linearisations of this tick before it began anew, see `kernels.world.bound`
+        ("restarted", np.int64),  # linearisations of this tick before it began anew, see `kernels.world.pairs`
         ("failed_steps", np.int64),  # steps in a row that ended inside the object
         ("idle_ticks", np.int64),  # ticks in a row that accepted no step
         ("path", np.float64),  # sum of the motion bounds of all steps tried in this tick [m]
@@ -142,7 +142,7 @@ DECOUPLING = np.dtype(
     ],
     align=True,
 )
-"""Suspension of the separate programs of palm and fingers, see `kernels.tick.decoupling`."""
+"""Suspension of the separate programs of palm and fingers, see `kernels.tick.tick`."""
 
 
 def correction_dtype(variables: int) -> "np.dtype[Any]":
@@ -217,7 +217,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("forces", FORCES),
             ("modelled", np.int8, (BODY_COUNT,)),  # 1 for bodies in use; others follow the haptic hand
             ("work", np.int64, (WORK_COUNTERS,)),
-            ("open_distance", np.float64, (CONTACT_ROWS,)),  # of `kernels.contact.redundant_contacts`
+            ("open_distance", np.float64, (CONTACT_ROWS,)),  # of `kernels.contact.linearise`
             ("stiffness", np.float64, (DOF,)),  # G
             ("scratch", np.float64, (3,)),
             ("input", HAPTIC_INPUT),
@@ -226,7 +226,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("progress", PROGRESS),
             ("program", PROGRAM),
             ("first_step", FIRST_STEP),
-            ("decoupling", DECOUPLING),  # see `kernels.tick.decoupling`
+            ("decoupling", DECOUPLING),  # see `kernels.tick.tick`
             ("self_contact", SELF_CONTACT),  # see `kernels.contact.self_pairs`
             # Last: their size is the surface's own.
             ("candidates", shared_first(candidates)),

@@ -1,11 +1,25 @@
-"""Step that a method proposes, and the contacts that carry force."""
+"""Step that a method proposes, and the contacts that carry force.
+
+Length of a step: the share that the known pairs allow, or a step to a nearer target.
+"""
 
 import numpy as np
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.contact.own_parts import clear_own_fraction
+from hhsim.kernels.hand.kinematics import (
+    BODY_COUNT,
+    DOF,
+    FINGER_COUNT,
+    PALM_BODY,
+    PHALANX_COUNT,
+    HandArrays,
+    motion_bounds,
+)
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, move, update_kinematics
 from hhsim.kernels.jit import Indices, Record, as_int64, jit, jit_inline
 from hhsim.kernels.qp.active_set import QpWork
+from hhsim.kernels.tick.options import TickOptions
 
 ACTIVE_CAPACITY = 64
 
@@ -112,3 +126,106 @@ def guess_rows(contacts: Record, active: Record, group: int, guess_out: Indices,
                 filled += 1
                 break
     return filled
+
+
+CLEAR = 0.8
+"""Share of the offset that a hand must be away from the object to go a part of a step."""
+LEAST_SHARE = 0.05
+"""Least share of a step that such a hand goes; below it the target is brought nearer."""
+FALLS = 32.0
+"""Ticks in a row after which a hand that snaps goes twice as far in a tick as in the first; after two times as many it
+goes five times as far. Short snaps are slow, and long ones end."""
+IN_THE_AIR = 0.1
+"""Share of the way left that a hand goes in a tick which has snapped and comes free."""
+LEAST_STEP = 0.25
+"""Way of a step that a hand at its bound still has, as a share of the snap step."""
+
+WHOLE_TARGET = -1.0
+"""Stands for the motion of the whole step where the program has the true target."""
+
+
+@jit_inline
+def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> tuple[float, float]:
+    """Compute the share of the step that the listed pairs allow, and a bound of its longest motion.
+
+    Returns the share, 0 to 1, and how far the farthest point of the hand moves in the whole step [m].
+    """
+    candidates, motions = state.candidates, state.progress.motion
+    reach = min(state.trust.reach, state.trust.radius)
+    # A step that ends the tick, of a hand that rests, needs no better bound.
+    enough = options.step_tolerance
+    motion_bounds(hand, state.pose, state.step.delta, state.problem.abduction_step, enough, motions)
+    fraction = 1.0
+    longest = 0.0
+    for body in range(BODY_COUNT):
+        if state.modelled[body] == 0:
+            continue
+        motion = motions[body]
+        longest = max(longest, motion)
+        near = candidates.nearest[body]
+        if near <= reach:
+            allowed = min(candidates.slack[body], reach)
+        else:
+            allowed = min(candidates.slack[body], near)
+        if motion * fraction > allowed:
+            fraction = allowed / motion
+    return clear_own_fraction(options.own, fraction, hand, state), longest
+
+
+@jit_inline
+def snap_step(options: TickOptions, progress: Record) -> float:
+    """Return how far a hand may go in this tick beyond the user's own motion [m]: farther where it snaps for long."""
+    growth = progress.snapped / FALLS
+    return options.snap_step * (1.0 + growth * growth)
+
+
+@jit_inline
+def set_bound(options: TickOptions, state: Record) -> None:
+    """Set how far the hand may go in this tick, from where it stands: as far as the user's has gone, and a snap step.
+
+    The step grows where the hand has snapped for long. What the work of the last tick did not suffice
+    for is the user's own motion, too.
+    """
+    progress = state.progress
+    left = progress.bound - farthest_joint(state.pose.joints, progress.start) if progress.lag > 0.0 else 0.0
+    progress.snapped = progress.snapped + 1 if progress.snaps else 0
+    progress.behind = progress.lag if progress.snaps else 0.0
+    progress.bound = snap_step(options, progress) + state.input.motion + progress.carried
+    if progress.lag > progress.behind:
+        progress.bound += max(progress.lag, left)
+    progress.snaps = False
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            for i in range(3):
+                progress.start[f, k, i] = state.pose.joints[f, k, i]
+
+
+@jit_inline
+def keep_bound(
+    hand: HandArrays, options: TickOptions, hindered: bool, fraction: float, longest: float, state: Record
+) -> float:
+    """Return the share of a step, `longest` [m] as a whole, after which no joint is beyond the bound of this tick.
+
+    The nearest pose can move on by millimetres for a breath of the user's hand: a contact that held it gives way. The
+    joints then follow as far as `set_bound` says. A step from inside the object may go a little farther, to leave it.
+    A hand without rows is not `hindered` and has no bound, but where it snapped in the last tick: then it comes nearer
+    to the user's by a share of the way left.
+    """
+    progress, least = state.progress, LEAST_STEP * options.snap_step
+    if not hindered and progress.snapped == 0:
+        return fraction
+    bound = progress.bound if hindered else progress.bound + IN_THE_AIR * progress.behind
+    gone = farthest_joint(state.pose.joints, progress.start)
+    bound = max(bound, gone + least)
+    if gone + fraction * longest <= bound:
+        return fraction
+    trial = state.trial
+    copy_configuration(state.pose, trial)
+    move(trial, state.step.delta, state.problem.abduction_step, fraction)
+    update_kinematics(hand, trial)
+    there = farthest_joint(trial.joints, progress.start)
+    if there <= bound:
+        return fraction
+    progress.snaps = True
+    # A distance is a convex function of the share: below this chord.
+    return fraction * (bound - gone) / (there - gone)

@@ -1,4 +1,13 @@
-"""One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
+"""Suspension of decoupling: palm and fingers share one program where apart they make no progress.
+
+A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
+The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
+brought it down lets palm and fingers share a program, as does one whose steps apart all end inside the object. They
+share it until the user's hand has left the place: apart they would do the same again from where they come to rest.
+
+One linearisation of a tick: the contacts within reach, and the quadratic program that they make.
+
+One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
 
 docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short:
 a program, as much of its step as the listed pairs allow, the true distances. By these alone a pose becomes the safe
@@ -11,17 +20,115 @@ An unfinished tick leaves three flags to the next: clearance waived, palm and fi
 
 import numpy as np
 
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT
-from hhsim.kernels.hand.pose import copy_configuration, farthest_joint
-from hhsim.kernels.jit import Record, jit, jit_inline
-from hhsim.kernels.tick.decoupling import stays_suspended
+from hhsim.kernels.contact.detection import SurfaceCode, find_surface_contacts, pairs_near
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, step_between
+from hhsim.kernels.jit import Array, Record, jit, jit_inline
+from hhsim.kernels.memory import copy_values
+from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.prediction import judge_last_tick
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY
-from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_STUCK
-from hhsim.kernels.tick.step import copy_active
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, set_bound
+from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, judge_last_tick
+from hhsim.kernels.tick.state import (
+    STATUS_ABDUCTION_HELD,
+    STATUS_LAG,
+    STATUS_STUCK,
+    UNITS_CONTACT,
+    UNITS_LINEARISATION,
+    UNITS_ROW,
+    WORK_BODIES,
+    WORK_CANDIDATES,
+    WORK_LINEARISATIONS,
+    WORK_ROWS,
+    WORK_UNITS,
+)
+from hhsim.kernels.tick.step import WHOLE_TARGET, copy_active, set_bound
+
+SUSPENSION_MARGINS = 10.0
+"""Motion of the haptic hand after which palm and fingers are solved apart again, in margins."""
+PROGRESS = 0.9
+"""Share of the coupling's energy to which a lagging tick must at least bring it down."""
+
+
+@jit
+def stays_suspended(options: TickOptions, state: Record) -> bool:
+    """Return whether the user's hand is still near where palm and fingers apart made no progress."""
+    decoupling = state.decoupling
+    if not decoupling.is_suspended:
+        return False
+    moved = farthest_joint(decoupling.suspended_joints, state.haptic.joints)
+    return moved <= SUSPENSION_MARGINS * options.margin
+
+
+@jit
+def palm_yielded(state: Record) -> bool:
+    """Return True if a finger has joined the palm's program: its own multipliers then grow without bound, no forces."""
+    return state.progressive.variables > 6
+
+
+@jit
+def suspend_decoupling(state: Record) -> None:
+    """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
+    state.program.is_coupled = True
+    state.decoupling.is_suspended = True
+    copy_values(state.haptic.joints[:], state.decoupling.suspended_joints[:])
+
+
+@jit
+def coupling_energy(pose: Record, state: Record) -> float:
+    """Compute the energy ½ δᵀ G δ [J] of the coupling between a pose and the haptic hand (paper, Eq. 2)."""
+    haptic, weight = state.haptic, state.problem.inverse_root
+    rotation_vector_between(pose.orientation, haptic.orientation, state.scratch)
+    total = 0.0
+    for i in range(3):
+        total += ((haptic.position[i] - pose.position[i]) / weight[i]) ** 2 + (state.scratch[i] / weight[3 + i]) ** 2
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            total += ((haptic.flexion[f, k] - pose.flexion[f, k]) / weight[6 + PHALANX_COUNT * f + k]) ** 2
+    return 0.5 * total
+
+
+@jit
+def energy_stalled(state: Record) -> bool:
+    """Return whether the programs apart of a tick that lags have made no progress."""
+    if state.program.is_coupled:
+        return False
+    return coupling_energy(state.pose, state) > PROGRESS * coupling_energy(state.prediction.start, state)
+
+
+@jit_inline
+def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
+    """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
+    step_between(state.pose, state.haptic, step_out, abduction_out, state.scratch)
+    for f in range(FINGER_COUNT if state.program.holds_abduction else 0):
+        abduction_out[f] = 0.0
+
+
+@jit_inline
+def find_program_contacts(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
+    """Find the contacts within reach, shortened where they do not fit; False if not even those that touch do."""
+    while True:
+        reach = min(state.trust.reach, state.trust.radius)
+        status = find_surface_contacts(surface, hand, state.pose, state.candidates, reach, state.contacts)
+        if status == 0 or reach < LEAST_TRUST * options.margin:
+            return status == 0
+        state.trust.radius = TRUST_DECAY * reach
+        state.work[WORK_UNITS] += UNITS_CONTACT * state.contacts.key.shape[0]
+
+
+@jit_inline
+def count_linearisation(
+    hand: HandArrays, surface: SurfaceCode, options: TickOptions, found: int, rows: int, state: Record
+) -> None:
+    """Add a program of so many contacts found and rows kept to the work of the tick."""
+    work = state.work
+    bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.trust.reach))
+    work[WORK_BODIES] = max(work[WORK_BODIES], bodies)
+    work[WORK_LINEARISATIONS] += 1
+    work[WORK_CANDIDATES] = max(work[WORK_CANDIDATES], pairs)
+    work[WORK_ROWS] = max(work[WORK_ROWS], rows)
+    work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * rows
+
 
 REACH_GROWTH = 4.0
 """Growth of the reach after a step that it has cut short."""

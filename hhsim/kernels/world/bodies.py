@@ -6,10 +6,10 @@ and compiles none of it.
 
 import numpy as np
 
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.evaluation import usual_reach
@@ -26,15 +26,6 @@ from hhsim.kernels.world.body import (
     take_body_back,
     take_velocity,
     turn_back,
-)
-from hhsim.kernels.world.bound import (
-    MOST_DAMPING,
-    MOST_RAISES,
-    begin_bounds,
-    beyond_bound,
-    mark_snap,
-    measure_user_motions,
-    raise_damping,
 )
 from hhsim.kernels.world.columns import (
     body_column,
@@ -62,6 +53,8 @@ from hhsim.kernels.world.pairs import (
     HOLD,
     KEEP,
     LOWEST,
+    MOST_DAMPING,
+    MOST_RAISES,
     MOVE,
     PLACE,
     REWRITE,
@@ -73,7 +66,12 @@ from hhsim.kernels.world.pairs import (
     TAKE,
     TURN,
     World,
+    begin_bounds,
+    beyond_bound,
+    mark_snap,
+    measure_user_motions,
     mover_of,
+    raise_damping,
 )
 from hhsim.kernels.world.program import begin_search, clip_shifts, solve_free, take_steps
 from hhsim.kernels.world.record import clear_borne, copy_borne, find_borne, turn_loads

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.copy import copy_values
-from hhsim.kernels.elementary import sine_cosine
 from hhsim.kernels.jit import Array, Record, jit, jit_inline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import (
     quaternion_product,
     quaternion_to_matrix,

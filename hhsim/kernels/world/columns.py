@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
-from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.world.body import SLIDER
 
@@ -199,9 +199,9 @@ def _turn_palm(turn: Array, row: int, palm: int, common: Array) -> None:
 
 
 @jit_inline
-def wide_rows(problem: Record) -> WideRows:
+def wide_rows(problem: Record) -> Rows:
     """Return the rows of a program of hands and bodies."""
-    return WideRows(
+    return Rows(
         common_count(problem),
         problem.common[:],
         problem.block[:],

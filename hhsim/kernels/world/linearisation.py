@@ -7,22 +7,19 @@ bring them together until none does.
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
-from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits
+from hhsim.kernels.contact.detection import find_surface_contacts
+from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.contact.own_parts import add_own_rows, foresee_own_rows
-from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
 from hhsim.kernels.contact.self_pairs import BROKEN, begin_rows, choose_bends
-from hhsim.kernels.contact.surface_code import find_surface_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
+from hhsim.kernels.tick.block import OVERFLOW
 from hhsim.kernels.tick.evaluation import least_distance
-from hhsim.kernels.tick.linearisation import count_linearisation, find_program_contacts, step_to_haptic
-from hhsim.kernels.tick.method import OVERFLOW
 from hhsim.kernels.tick.restoration import only_restores
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_PALM
-from hhsim.kernels.tick.step_length import CLEAR, LEAST_SHARE, WHOLE_TARGET, allowed_fraction
-from hhsim.kernels.world.bound import damped_target
+from hhsim.kernels.tick.step import CLEAR, DURATION_DETECT, DURATION_PALM, LEAST_SHARE, WHOLE_TARGET, allowed_fraction
+from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import first_finger, hand_count, is_still, name_rows, pair_count, palm_column
 from hhsim.kernels.world.meeting import ADD, DEEP, RECALL, SHARE, spread_fingers
 from hhsim.kernels.world.pairs import (
@@ -37,6 +34,7 @@ from hhsim.kernels.world.pairs import (
     World,
     ask_bodies,
     ask_hands,
+    damped_target,
     mover_of,
     surface_at,
 )
@@ -290,7 +288,7 @@ def allowed_share(method: World) -> tuple[float, float]:
 
 @jit
 def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[float, float]:
-    """Bring a far target nearer, see `kernels.tick.step_length.clip_target`, which returns the same.
+    """Bring a far target nearer, see `kernels.tick.step.clip_target`, which returns the same.
 
     The motions of hands and bodies are shortened alike: a hand that was short of its motion past the object alone would
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
@@ -314,7 +312,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     for h in range(hand_count(problem)):
         palm, fingers = palm_column(problem, h), first_finger(problem, h)
         for j in range(DOF):
-            # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step_length`).
+            # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step`).
             made = problem.delta[palm + j if j < 6 else fingers - 6 + j]
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
     ask_bodies(method, CLIP, off)

@@ -2,22 +2,36 @@
 
 A hand is kept as each body sees it, and so is each body as another one sees it: as a palm without fingers, of spheres
 or points (`kernels.world.columns` says what a pair is).
+
+Bound of the shown hands' way in a tick beside bodies that move, kept by damping.
+
+Where nothing else moves, a hand that would go beyond its bound makes a share of its step (`keep_bound` of
+`kernels.tick.step`). A share of a step would hold back the bodies, too, as if they met something. So the hands
+are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
+
+    ½ |q - user|²_G + ½ s |q - q₀|²_G,
+
+and s, usually 0, is raised until no joint goes beyond the bound. Contact forces and the bodies' motion stay in balance.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.surface_code import SurfaceCode
-from hhsim.kernels.hand.kinematics import HandArrays
-from hhsim.kernels.jit import as_int64, jit, jit_inline
+from hhsim.kernels.contact.detection import SurfaceCode
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.pose import farthest_joint
+from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import number_of_code
+from hhsim.kernels.rotation import rotation_vector_between, turned
 from hhsim.kernels.tick.evaluation import evaluate_pose, rebuild_candidates
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.step import IN_THE_AIR, snap_step
 from hhsim.kernels.world.body import Support
-from hhsim.kernels.world.columns import States, hand_count, pair_count
+from hhsim.kernels.world.columns import States, first_finger, hand_count, pair_count, palm_column
 from hhsim.kernels.world.edges import Edges
 
 TAKE, BEGIN, PLACE, EDGES, AIM, CONTACTS, LOWEST, COLUMNS, REWRITE, CLIP, SHIFTS, STEPS = range(12)
@@ -99,3 +113,140 @@ def rebuild(method: World, states: States) -> bool:
             states[p].self_contact.floor = states[p].self_contact.least = np.inf
     ask_bodies(method, EDGES, 0.0)
     return fits
+
+
+MOST_RAISES = 5
+"""Most times in a tick that damping is raised; what is left beyond the bound then is a jump."""
+MOST_DAMPING = 30.0
+"""Largest s: a hand that is held would hit what moves into it like a wall."""
+AIMED = 0.9
+"""Share of the bound that a raised damping aims at."""
+LEAST_RAISE = 1.5
+"""Least factor by which a raise multiplies the hands' stiffness."""
+
+
+@jit
+def _to_world(body: Record, joints: Array, joints_out: Array) -> None:
+    """Write joints of a body's frame in the world, shapes (5, 4, 3)."""
+    center, place = body.center, body.position
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            joint = joints[f, k]
+            x, y, z = turned(body.rotation, joint[0] - center[0], joint[1] - center[1], joint[2] - center[2])
+            joints_out[f, k, 0], joints_out[f, k, 1], joints_out[f, k, 2] = x + place[0], y + place[1], z + place[2]
+
+
+@jit
+def _carried(body: Record, joints: Array) -> float:
+    """Return how far a body's motion in this tick takes the farthest of these joints along, world [m]."""
+    turn, place, begun, farthest = body.vector, body.position, body.start_position, 0.0
+    rotation_vector_between(body.start_orientation[:], body.orientation[:], turn[:])
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT + 1):
+            joint = joints[f, k]
+            x, y, z = joint[0] - begun[0], joint[1] - begun[1], joint[2] - begun[2]
+            vx = place[0] - begun[0] + turn[1] * z - turn[2] * y
+            vy = place[1] - begun[1] + turn[2] * x - turn[0] * z
+            vz = place[2] - begun[2] + turn[0] * y - turn[1] * x
+            farthest = max(farthest, vx * vx + vy * vy + vz * vz)
+    return math.sqrt(farthest)
+
+
+@jit
+def measure_user_motions(states: States, world: Record) -> None:
+    """Compute how far each user's hand has moved since its last sample [m], before a tick begins.
+
+    The joints of the last sample are in the frame of the first body as it stands now, those of the newest in the world.
+    """
+    for h in range(hand_count(world.problem)):
+        sample = states[h].input
+        sample.motion = 0.0
+        if sample.is_valid:
+            _to_world(world.bodies[0], sample.joints, world.joints)
+            sample.motion = farthest_joint(world.joints, states[h].haptic.joints)
+
+
+@jit
+def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
+    """Begin a tick without damping, from where the hands stand in the world.
+
+    Where they lag for lack of work they follow later on: beside bodies that is no reason for a longer way.
+    """
+    for h in range(hand_count(world.problem)):
+        progress = states[h].progress
+        _to_world(world.bodies[0], states[h].pose.joints, progress.start)
+        progress.bound = snap_step(options, progress) + states[h].input.motion
+    world.raises = 0
+    if world.damping > 0.0:
+        damp(states, world, 0.0)
+
+
+@jit
+def damp(states: States, world: Record, damping: float) -> None:
+    """Set the damping s of all hands: their stiffness becomes (1 + s) G."""
+    problem = world.problem
+    world.damping = damping
+    for j in range(DOF):
+        problem.inverse_root[j] = 1.0 / math.sqrt((1.0 + damping) * states[0].stiffness[j])
+        for p in range(pair_count(problem)):
+            states[p].problem.inverse_root[j] = problem.inverse_root[j]
+
+
+@jit
+def damped_target(world: Record, h: int, first: int, stop: int) -> None:
+    """Bring the target of a hand's variables `first` to `stop` from the user's to that of the damped objective."""
+    problem, damping = world.problem, world.damping
+    if damping == 0.0:
+        return
+    palm, fingers, target = palm_column(problem, h), first_finger(problem, h), problem.hand_target
+    for j in range(first, stop):
+        made = problem.total[palm + j if j < 6 else fingers - 6 + j]
+        target[DOF * h + j] = (target[DOF * h + j] - damping * made) / (1.0 + damping)
+
+
+@jit_noinline
+def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
+    """Compute the largest ratio of a hand's motion in the tick to its bound; a hand with a ratio above 1 snaps.
+
+    The bound includes the motion of the bodies at the hand. A hand without contacts has none, unless it snapped in the
+    last tick.
+    """
+    problem, worst = world.problem, 0.0
+    for h in range(hand_count(problem)):
+        each, carried, near = states[h], 0.0, as_bool(False)
+        for p in range(pair_count(problem)):
+            if problem.hand[p] != h or problem.other[p] >= 0:
+                continue
+            near = near or problem.last[p] > problem.first[p] or world.meeting.count > 0
+            body = problem.body[p]
+            if problem.last[p] > problem.first[p] and world.bodies[body].is_free == 1:
+                carried = max(carried, _carried(world.bodies[body], each.progress.start))
+        bound = each.progress.bound + carried
+        if not near:
+            if each.progress.snapped == 0:
+                continue
+            bound += IN_THE_AIR * each.progress.behind
+        _to_world(world.bodies[0], each.pose.joints, world.joints)
+        way = farthest_joint(world.joints, each.progress.start) / bound
+        if way > 1.0:
+            each.progress.snaps = True
+        worst = max(worst, way)
+    return worst
+
+
+@jit
+def raise_damping(ratio: float, states: States, world: Record) -> None:
+    """Raise the damping so that a motion of `ratio` bounds becomes shorter than the bound."""
+    world.raises += 1
+    factor = max(LEAST_RAISE, ratio / AIMED)
+    damp(states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
+
+
+@jit
+def mark_snap(state: Record, world: Record) -> None:
+    """Mark a hand as snapping; its lag is the distance that it would still have to go without damping [m]."""
+    progress = state.progress
+    progress.snaps = True
+    _to_world(world.bodies[0], state.pose.joints, world.joints)
+    left = world.damping * farthest_joint(world.joints, progress.start)
+    progress.lag = max(progress.lag, min(left, farthest_joint(state.pose.joints, state.haptic.joints)))

@@ -8,7 +8,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.machine_code import ask_code
 from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
-from hhsim.kernels.qp.row_scan import WideRows
+from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -26,8 +26,16 @@ from hhsim.kernels.world.columns import (
     variable_count,
     wide_rows,
 )
+from hhsim.kernels.world.friction import (
+    NO_LOAD,
+    find_leanings,
+    foresee_slips,
+    keep_slips,
+    lower_slips,
+    return_to_slips,
+    turn_contacts,
+)
 from hhsim.kernels.world.joints import JOINT_KEYS, SLACK, slack_column, slack_target
-from hhsim.kernels.world.leanings import find_leanings, turn_contacts
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
@@ -38,7 +46,6 @@ from hhsim.kernels.world.rows import (
     friction_rows,
     measure_slip,
 )
-from hhsim.kernels.world.slips import NO_LOAD, foresee_slips, keep_slips, lower_slips, return_to_slips
 
 ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
@@ -328,7 +335,7 @@ def begin_search(coulomb: Record) -> int:
 
 
 @jit
-def _solve_once(options: TickOptions, rows: WideRows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
+def _solve_once(options: TickOptions, rows: Rows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = world.problem, world.loaded, options.tolerance, options.relaxation
     variables, target = variable_count(problem), problem.target[:]

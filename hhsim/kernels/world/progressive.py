@@ -18,7 +18,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done, post, rest, take_item
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
-from hhsim.kernels.qp.row_scan import ProgramRows
+from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.tick.state import PALM_GROUPS
 from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
 from hhsim.kernels.world.pairs import World
@@ -97,7 +97,9 @@ def _solve_palm(method: World, state: Record, qp: QpWork) -> int:
         if work.yields[f] >= 0:
             guessed = guess_rows(contacts, active, f + 1, work.guess[:], guessed)
     start, stop, block = work.palm_start[:], work.palm_stop[:], work.palm_block[:]
-    rows = ProgramRows(as_int64(6), problem.common[:], work.block[:], problem.rhs[:], start, stop, block)
+    none = as_int64(0)
+    columns = problem.common[:], work.block[:], problem.rhs[:]
+    rows = Rows(as_int64(6), *columns, start, stop, block, problem.dense[:], none, none, none)
     # A joint's row is longer here by YIELD_SCALE; to the finger's own program the step must be as exact as its other
     # steps.
     scaled = tolerance / YIELD_SCALE if work.variables > 6 else tolerance
@@ -110,7 +112,7 @@ def _solve_palm(method: World, state: Record, qp: QpWork) -> int:
     if method.world[0].curved and work.variables == 6:
         for j in range(6):
             step.delta[j] = qp.x[j] * problem.inverse_root[j]
-        row, force, none = step.row[: step.count], step.multiplier[: step.count], as_int64(0)
+        row, force = step.row[: step.count], step.multiplier[: step.count]
         given = options.own, method.states, method.world[0], row, force, problem.inverse_root[:], none, as_int64(6)
         correct_program(Lagrangian(*given), qp.counts[0], step.delta[:], rows, options, work.correction, qp)
     for j in range(6):
@@ -143,9 +145,9 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
     for k in range(PHALANX_COUNT):
         own.target[k] = problem.target[offset + k]
     guessed = guess_rows(contacts, active, finger + 1, own.guess[:], as_int64(0))
-    rows = ProgramRows(
-        as_int64(0), problem.common[:], problem.block[:], work.rhs[:], own.start[:], own.stop[:], own.block[:]
-    )
+    none = as_int64(0)
+    columns, groups = (problem.common[:], problem.block[:], work.rhs[:]), (own.start[:], own.stop[:], own.block[:])
+    rows = Rows(none, *columns, *groups, problem.dense[:], none, none, none)
     guess, tolerance = own.guess[:], options.tolerance
     own.status = solve(as_int64(PHALANX_COUNT), rows, own.target[:], tolerance, options.relaxation, guess, guessed, qp)
     own.iterations = qp.counts[1]
@@ -198,7 +200,7 @@ def _solve_fingers(method: World, state: Record, qp: QpWork) -> None:
             if not shared:
                 solve_finger(method, as_int64(f), qp)
             continue
-        # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.linearisation`.
+        # Nothing but its limits binds it, and to those its target is clamped, see `kernels.tick.tick`.
         offset = 6 + PHALANX_COUNT * f
         for j in range(offset, offset + PHALANX_COUNT):
             step.delta[j] = problem.target[j] * problem.inverse_root[j]

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim.kernels.arithmetic import hypotenuse
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.copy import copy_values
-from hhsim.kernels.elementary import hypotenuse
 from hhsim.kernels.hand.kinematics import BODY_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF

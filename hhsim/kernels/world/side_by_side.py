@@ -8,13 +8,13 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
 from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.haptic_input import set_haptic
+from hhsim.kernels.tick.evaluation import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
 from hhsim.kernels.world.meeting import hands_of, measure_hands
 from hhsim.kernels.world.pairs import World

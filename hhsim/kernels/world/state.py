@@ -12,11 +12,10 @@ import numpy as np
 from hhsim.kernels.contact.hand_pairs import HAND_PAIRS
 from hhsim.kernels.tick.state import JOINTS, WORK_COUNTERS, correction_dtype
 from hhsim.kernels.world.body import BODY
-from hhsim.kernels.world.leanings import leanings_dtype
+from hhsim.kernels.world.friction import coulomb_dtype, leanings_dtype
 from hhsim.kernels.world.program import LOADED
 from hhsim.kernels.world.record import borne_dtype
 from hhsim.kernels.world.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
-from hhsim.kernels.world.slips import coulomb_dtype
 
 MOST_HANDS, MOST_BODIES = 2, 6
 
@@ -58,7 +57,7 @@ def world_dtype() -> "np.dtype[Any]":
             ("palm_orientation", np.float64, (hands, 4)),  # likewise
             ("scratch_turn", np.float64, (4,)),
             ("joints", np.float64, JOINTS),  # scratch: of a hand, world [m]
-            ("damping", np.float64),  # s of the hands in this tick, see `kernels.world.bound`
+            ("damping", np.float64),  # s of the hands in this tick, see `kernels.world.pairs`
             ("raises", np.int64),  # number of times that it has been raised in this tick
             ("work", np.int64, (WORK_COUNTERS,)),  # of a hand that gave way to parts before its tick
             ("spent", np.int64, (4,)),  # time of the same, as `duration` of a step [ns]

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.contact.redundant_contacts import FEWEST, move_contact
-from hhsim.kernels.elementary import sine_cosine
+from hhsim.kernels.arithmetic import sine_cosine
+from hhsim.kernels.contact.linearise import FEWEST, move_contact
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.world.body import Support

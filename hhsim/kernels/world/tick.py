@@ -14,34 +14,54 @@ have arrived. What bodies that move, a second hand or moving parts add is called
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
+from hhsim.kernels.contact.detection import find_surface_contacts, pairs_near
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.contact.surface_code import find_surface_contacts, pairs_near
-from hhsim.kernels.copy import copy_values
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.hand.pose import move
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code, run_code
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.decoupling import energy_stalled, palm_yielded, suspend_decoupling
-from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, is_budget_spent, least_distance, spent_units
+from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick
+from hhsim.kernels.tick.evaluation import (
+    REACH_FLOOR,
+    end_work,
+    is_budget_spent,
+    least_distance,
+    set_haptic,
+    spent_units,
+)
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.haptic_input import set_haptic
-from hhsim.kernels.tick.method import OVERFLOW
-from hhsim.kernels.tick.prediction import forget_prediction, predict_pose
-from hhsim.kernels.tick.restoration import TRUST_DECAY, keep_first_step, take_back, take_free_share
+from hhsim.kernels.tick.restoration import (
+    TRUST_DECAY,
+    forget_prediction,
+    keep_first_step,
+    predict_pose,
+    take_back,
+    take_free_share,
+)
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_COUNTERS, WORK_TOUCHING
 from hhsim.kernels.tick.step import (
     DURATION_DETECT,
     DURATION_FINGERS,
     DURATION_FORCE,
     DURATION_PALM,
+    WHOLE_TARGET,
     bear_contacts,
     copy_active,
+    keep_bound,
 )
-from hhsim.kernels.tick.step_length import WHOLE_TARGET, keep_bound
-from hhsim.kernels.tick.tick import MOST_FAILED_STEPS, accept, begin_tick, tick_status, update_reach
+from hhsim.kernels.tick.tick import (
+    MOST_FAILED_STEPS,
+    accept,
+    begin_tick,
+    energy_stalled,
+    palm_yielded,
+    suspend_decoupling,
+    tick_status,
+    update_reach,
+)
 from hhsim.kernels.world.body import drive_body
 from hhsim.kernels.world.columns import States, body_count, hand_count, is_still, pair_count
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs

@@ -33,15 +33,11 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import SIDES
 from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
-from hhsim.kernels.live.accounts import MISSES, account_steal, account_waking
-from hhsim.kernels.live.deadlines import DEADLINES, begin_periods
-from hhsim.kernels.live.finger_command import COMMANDER
-from hhsim.kernels.live.interlock import DRY_RUN, INTERLOCK
+from hhsim.kernels.live.deadlines import DEADLINES, MISSES, PHASE, account_steal, account_waking, begin_periods
+from hhsim.kernels.live.finger_command import COMMANDER, DRY_RUN, INTERLOCK
 from hhsim.kernels.live.loop import ASKS_PYTHON, DRIVERS, SystemFiles, run_loop
-from hhsim.kernels.live.notes import NOTES
-from hhsim.kernels.live.phase import PHASE
-from hhsim.kernels.live.plausibility import WATCH, begin_watch
-from hhsim.kernels.parallel.atomic import load_acquire, store_release
+from hhsim.kernels.live.plausibility import NOTES, WATCH, begin_watch
+from hhsim.kernels.parallel.thread_team import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.drivers.poses import make_pose_source
@@ -55,9 +51,8 @@ from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.hand_solver import warm_up
-from hhsim.solver.one_tick import OneTick
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, warm_up_hands
+from hhsim.solver.scene_solver import OneTick, SceneSolver, warm_up_hands
 from hhsim.solver.workspace import zeroed
 from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 

@@ -58,11 +58,9 @@ from hhsim.result.schema import (
 )
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.solver.free_object import FreeObject
-from hhsim.solver.hand_solver import warm_up
-from hhsim.solver.one_tick import bodies_ticks
+from hhsim.solver.hand_solver import keeps_hands_apart, warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import seen_hand
-from hhsim.solver.world_solver import keeps_hands_apart
+from hhsim.solver.scene_solver import bodies_ticks, seen_hand
 
 RINGS = ("ticks", "samples", "events")
 

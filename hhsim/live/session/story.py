@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.live import notes as codes
-from hhsim.kernels.live.notes import CAPACITY
-from hhsim.kernels.live.plausibility import MOST_ANGLE, TRUST
+from hhsim.kernels.live import plausibility as codes
+from hhsim.kernels.live.plausibility import CAPACITY, MOST_ANGLE, TRUST
 from hhsim.live.device import GloveInfo
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.settings import LiveSetup

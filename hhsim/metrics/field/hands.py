@@ -7,7 +7,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, stored_hands
-from hhsim.kernels.contact.tip_distance import hand_tip_distances
+from hhsim.kernels.contact.mesh_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, closest_points, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh

@@ -12,9 +12,9 @@ from hhsim.kernels.contact.mesh_distance import (
     DEEPEST_INTERVAL,
     AxisSearch,
     hand_mesh_distances,
+    hand_tip_distances,
     round_cone_mesh_distance,
 )
-from hhsim.kernels.contact.tip_distance import hand_tip_distances
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh

@@ -12,7 +12,7 @@ from sphere_scenes import sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.penetration import clearances
+from hhsim.kernels.contact.contact_points import clearances
 from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.sphere_tree import TreeArrays
 

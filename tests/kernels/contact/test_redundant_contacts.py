@@ -11,8 +11,7 @@ from sphere_scenes import PALM, brute_pairs, bumpy_ball
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact.detection import CONTACT_ROWS
-from hhsim.kernels.contact.linearise import build_rows
-from hhsim.kernels.contact.redundant_contacts import drop_redundant_contacts
+from hhsim.kernels.contact.linearise import build_rows, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import motion_bounds
 from hhsim.motion.analytic_motion import still
 from hhsim.trees.sphere_tree import SphereTree

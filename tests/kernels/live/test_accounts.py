@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.kernels.live.accounts import COMPUTED, DEVICE, HOST, WOKEN_LATE, read_run_delay, read_steal
+from hhsim.kernels.live.deadlines import COMPUTED, DEVICE, HOST, WOKEN_LATE, read_run_delay, read_steal
 from hhsim.live.session.loop import system_files
 from hhsim.result.miss_cause import CAUSES
 from hhsim.system.cpu_accounts import CpuAccounts

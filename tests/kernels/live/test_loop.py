@@ -12,8 +12,7 @@ from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_set
 from numpy.typing import NDArray
 from sphere_scenes import UNTIMED
 
-from hhsim.kernels.live.deadlines import EARLIEST
-from hhsim.kernels.live.phase import LARGEST_SHIFT
+from hhsim.kernels.live.deadlines import EARLIEST, LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.drivers.poses import FixedPose
 from hhsim.live.gloves import PoseConfig

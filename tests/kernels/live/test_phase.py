@@ -7,15 +7,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from hhsim.kernels.live.deadlines import EARLIEST, PASSED, wait_periods
-from hhsim.kernels.live.phase import (
+from hhsim.kernels.live.deadlines import (
     AFTER_MEAN,
+    EARLIEST,
     LARGEST_SHIFT,
     LEAST_SAMPLES,
+    PASSED,
     PHASE,
     WEIGHT,
     count_phase,
     deadline_shift,
+    wait_periods,
 )
 from hhsim.live.session.loop import deadline_record
 from hhsim.solver.workspace import zeroed

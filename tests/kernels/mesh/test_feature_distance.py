@@ -17,7 +17,7 @@ from hhsim.arrays import FloatArray
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.mesh.feature_distance import ELSEWHERE, ON, edge_witness, line_witness, vertex_witness
 from hhsim.kernels.mesh.features import MeshFeatures
-from hhsim.kernels.round_cone_distance import RoundCone
+from hhsim.kernels.round_cone import RoundCone
 from hhsim.kernels.sphere_tree import STACK_SIZE
 from hhsim.mesh.features import mesh_features
 

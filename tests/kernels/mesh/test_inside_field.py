@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, winding_moments
 from hhsim.kernels.mesh.inside_field import SolidField, inside, leave_inside
-from hhsim.kernels.mesh.winding_number import winding_moments
 from tools.shapes.generators import cube
 
 NOTHING = build_mesh_bvh(np.zeros((1, 3)), np.zeros((1, 3), np.int64), signed=False)

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from mesh_oracle import by_arctangents
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
-from hhsim.kernels.mesh.winding_number import fast_winding_numbers, winding_moments, winding_numbers
+from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, winding_moments, winding_numbers
 
 
 def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:

@@ -15,11 +15,10 @@ from sphere_scenes import cloud, random_hand, set_pose, tick_state
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.euler import euler_axes
-from hhsim.kernels.hand.frustum import frustum_shapes
+from hhsim.kernels.hand.hand_shape import frustum_shapes
+from hhsim.kernels.rotation import euler_axes
 from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
-from hhsim.kernels.tick.paper_constraints import palm_rows
-from hhsim.kernels.tick.paper_detection import ON_FRUSTUM, ON_SPHERE, detect
+from hhsim.kernels.tick.paper_contacts import ON_FRUSTUM, ON_SPHERE, detect, palm_rows
 from hhsim.solver.options import Stiffness
 from hhsim.solver.workspace import zeroed
 from hhsim.trees.sphere_tree import SphereTree

@@ -9,7 +9,7 @@ from live_rings import SCRIPT, make_setup
 from sphere_scenes import bumpy_ball
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.live.phase import LARGEST_SHIFT
+from hhsim.kernels.live.deadlines import LARGEST_SHIFT
 from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.scene import make_live_scene

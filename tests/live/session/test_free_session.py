@@ -26,8 +26,8 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.body import CLEARANCE
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.one_tick import bodies_ticks
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import bodies_ticks
 from hhsim.verify.free_object_checks import free_claims
 from tools.shapes.generators import sphere
 

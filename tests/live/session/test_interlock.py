@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hhsim.kernels.live import interlock as bits
-from hhsim.kernels.live.interlock import judge
+from hhsim.kernels.live import finger_command as bits
+from hhsim.kernels.live.finger_command import judge
 from hhsim.live.session.loop import interlock_record
 from hhsim.live.session.settings import SafetyLimits
 from hhsim.live.session.story import LOGGED, QUIET_NS, SafetyLog

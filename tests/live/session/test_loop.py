@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.live.phase import LARGEST_SHIFT
+from hhsim.kernels.live.deadlines import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.live.device import FORCES, LIMITS, DeviceError
 from hhsim.live.drivers.poses import FixedPose, PoseSource

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from live_scripted import FIST, FREE, Moment, ScriptedSession
 
-from hhsim.kernels.live.accounts import LONG_STALL_NS
+from hhsim.kernels.live.deadlines import LONG_STALL_NS
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.result.safety import Safety
 

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.arrays import FloatArray
-from hhsim.kernels.live.notes import CAPACITY, NOTES
-from hhsim.kernels.live.plausibility import BURST, JOINT_SPEED, PAUSE, STUCK_TIME, TRUST, use_sample
+from hhsim.kernels.live.plausibility import BURST, CAPACITY, JOINT_SPEED, NOTES, PAUSE, STUCK_TIME, TRUST, use_sample
 from hhsim.live.device import GLOVE_SAMPLE, GloveInfo
 from hhsim.live.session.loop import watch_record
 from hhsim.live.session.story import doubts, found_in_sample

@@ -1,13 +1,22 @@
-"""Requests for memory before it is needed; no result depends on them, and without the compiler they do nothing."""
+"""Copies of arrays without allocation, and requests for memory before it is needed, on which no result depends."""
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numpy.typing import NDArray
 
-from hhsim.kernels.jit import jit_inline, lowered
+from hhsim.kernels.jit import jit, jit_inline, lowered
+
+
+@jit
+def copy_values(source: NDArray[Any], target_out: NDArray[Any]) -> None:
+    """Copy `source` to an array of the same shape in other memory."""
+    for index in np.ndindex(source.shape):
+        target_out[index] = source[index]
+
 
 CACHE_LINE = 64
 """Bytes that are fetched together."""
