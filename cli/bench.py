@@ -13,8 +13,9 @@ from hhsim.system.counted import counted
 
 from .arguments import options
 from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
+from .arguments.object_options import MeshSize, complete_object
 from .arguments.recording_options import PLACE_HELP, Place
-from .arguments.scene_options import Linearising, MeshSize, Sampling, complete_object
+from .arguments.scene_options import Linearising, Sampling
 from .console import print_notes, print_table, progress
 
 if TYPE_CHECKING:
@@ -37,9 +38,7 @@ class RunningOptions(OptionGroup):
     """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
 
     jobs: options.Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
-    scheduler: str = option(
-        "Run the cells on a Dask cluster: tcp://host:8786, or local for --jobs.", "ADDRESS", default=""
-    )
+    scheduler: str = options.SCHEDULER
     resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 

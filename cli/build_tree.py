@@ -11,8 +11,8 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table, number
 
 from .arguments.command import OptionGroup, argument, make_command, option, refuse_typed
+from .arguments.object_options import MeshFile, complete_object, read_length
 from .arguments.options import SEED, AnySeed, OneLevel, OutPath, Output, Unit
-from .arguments.scene_options import MeshFile, complete_object, read_length
 from .console import print_notes, progress
 from .robot_spheres import USUAL_LEAVES, Leaves, RobotOptions, fit_columns, import_spheres, robot_spheres
 

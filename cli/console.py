@@ -120,24 +120,12 @@ def progress(*, quiet: bool) -> Iterator[Progress]:
         return
     import click
     from rich.console import Console
-    from rich.progress import BarColumn, Task, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
-    from rich.text import Text
 
-    # What is being done, the seconds that it has taken, and the share of it that is done.
-    class Remaining(TimeRemainingColumn):
-        """Time left; nothing where the work states it itself."""
-
-        def render(self, task: Task) -> Text:
-            return Text() if " (" in task.description else super().render(task)
-
-    columns = (
-        TextColumn("{task.description}"),
-        TextColumn("{task.elapsed:,.0f} s"),
-        BarColumn(),
-        TextColumn("{task.fields[amount]}"),
-        Remaining(),
-    )
+    # What is being done, the seconds that it has taken, the share of it that is done, and the time left.
+    texts = map(TextColumn, ("{task.description}", "{task.elapsed:,.0f} s", "{task.fields[amount]}"))
+    columns = (*texts, BarColumn(), TimeRemainingColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("getting ready", total=None, amount="")
         now = "getting ready"

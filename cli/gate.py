@@ -11,7 +11,8 @@ from hhsim.errors import HhsimError, InputError
 from hhsim.table.table import Table
 
 from .arguments.command import OptionGroup, argument, make_command, option
-from .arguments.options import OutPath, Printing, names_a_result
+from .arguments.options import OutPath, Printing
+from .arguments.scene_options import names_a_result
 from .console import print_notes, progress
 
 if TYPE_CHECKING:

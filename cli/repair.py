@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal
 import click
 
 from .arguments.command import Number, OptionGroup, argument, make_command, option, refuse_typed
-from .arguments.options import Jobs, OutPath, Printing, Unit, metres, ranged
+from .arguments.object_options import MeshSize
+from .arguments.options import SCHEDULER, Jobs, OutPath, Printing, metres
 from .arguments.recording_options import FileSettings, HandData
 from .console import end_on_sigterm, print_line, print_notes, print_table, progress
 
@@ -31,16 +32,12 @@ FOLLOWED = (
 """Options of frames that are repaired as they come."""
 
 
-class ObjectSettings(OptionGroup, heading="Object"):
+class ObjectSettings(MeshSize, heading="Object"):
     """Object of the recording, and its poses; `size` in [mm]."""
 
     object: str | None = option(
         "Name of the catalogue (hhsim objects), or a mesh, URDF or MJCF file; of hhsim repair also a TOML.",
         "OBJECT|MESH",
-    )
-    unit: Unit | None = option("Length unit of a mesh file. Default: the one that it states, or m.")
-    size: Annotated[float, ranged("size", 1e-3)] | None = option(
-        "Scale a mesh file to this longest extent [mm], whatever its unit.", "MM"
     )
     object_poses: Path | None = option(
         "Poses of the object, a row a frame or with stamps (docs/repair.md). Default: those of the recording.", "FILE"
@@ -76,7 +73,7 @@ def command(
     data: HandData,
     out: OutPath = option("Repaired recording; of a manifest a folder.", "FILE|DIR", required=True),
     jobs: Jobs | None = option("Processes that share a manifest. Default: one a core.", "N"),
-    scheduler: str = option("Dask cluster that shares a manifest: tcp://host:8786, or local.", "ADDRESS", default=""),
+    scheduler: str = SCHEDULER,
     printing: Printing,
 ) -> int:
     """Repair a recording of a hand: the same, without penetration.

@@ -11,7 +11,7 @@ from hhsim.ranges import RANGES
 from hhsim.system.counted import counted
 from hhsim.table.table import Table, number, words
 
-from .arguments import options, scene_options
+from .arguments import object_options, options, scene_options
 from .arguments.command import make_command, option, refuse_typed
 from .arguments.recording_options import PLACE_HELP, HandData, Place
 from .console import print_line, print_notes, print_table, progress
@@ -95,9 +95,7 @@ class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
         "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",
     )
-    side: options.Sides | None = option(
-        "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
-    )
+    side: options.Sides | None = options.WHICH_HANDS
     hand_file: Path | None = options.HAND_FILE
     tremor: Annotated[tuple[float, float], READ_TREMOR] | None = option(
         "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.", "MM,DEG"
@@ -109,8 +107,8 @@ class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
         self,
         object_: str,
         trajectory: str,
-        mesh_file: scene_options.MeshFile,
-        tree: scene_options.TreeOrFile,
+        mesh_file: object_options.MeshFile,
+        tree: object_options.TreeOrFile,
         data: HandData,
         free: scene_options.FreeChoice,
     ) -> "SceneWords":
@@ -146,14 +144,14 @@ class ReplayOutput(options.Output):
 @make_command
 def command(
     *,
-    object_: str = scene_options.OBJECT,
+    object_: str = object_options.OBJECT,
     trajectory: str = scene_options.TRAJECTORY,
     solver: SolverSettings,
-    tree: scene_options.TreeOrFile,
+    tree: object_options.TreeOrFile,
     moving: HandAndMotion,
     data: HandData,
     free: scene_options.FreeChoice,
-    mesh_file: scene_options.MeshFile,
+    mesh_file: object_options.MeshFile,
     output: ReplayOutput,
     rerun: options.Rerun | None = option(
         "Show the replay in rerun: open a viewer, write a file, or send to an open viewer at HOST:PORT.", options.RERUN
@@ -187,7 +185,7 @@ def command(
       hhsim replay drawer.urdf grasp --free
       hhsim replay cube pinch --rerun spawn
     """
-    if options.names_a_result(object_):
+    if scene_options.names_a_result(object_):
         return _run_again(Path(object_), output)
     from hhsim.replay.replay import replay_scene, replay_two_hands
     from hhsim.replay.summary import repeated_document, repeated_times

@@ -5,8 +5,9 @@ from pathlib import Path
 from hhsim.system.counted import counted
 
 from .arguments.command import make_command, option
-from .arguments.options import SEED, TREE_LEVEL, AnySeed, OneLevel, OutPath, Printing, Sides
-from .arguments.scene_options import OBJECT, TRAJECTORY, FreeChoice, MeshSize, Sampling
+from .arguments.object_options import OBJECT, MeshSize
+from .arguments.options import SEED, TREE_LEVEL, WHICH_HANDS, AnySeed, OneLevel, OutPath, Printing, Sides
+from .arguments.scene_options import TRAJECTORY, FreeChoice, Sampling
 from .console import print_notes
 
 
@@ -17,9 +18,7 @@ def command(
     trajectory: str = TRAJECTORY,
     mesh_size: MeshSize,
     level: OneLevel | None = TREE_LEVEL,
-    side: Sides | None = option(
-        "Which hand grasps, or both. Default: the recording's, else the right.", None, "--hand", "--hands"
-    ),
+    side: Sides | None = WHICH_HANDS,
     free: FreeChoice,
     sampling: Sampling,
     seed: AnySeed = SEED,

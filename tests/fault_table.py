@@ -13,7 +13,6 @@ from free_scenes import free_result
 from planted_faults import HOLD, UNMARKED
 from short_grasp import result_of
 
-from hhsim.metrics.run.force import TREMBLING
 from hhsim.scene.scene import open_scene
 
 MESH, SLOW = ("--surface", "mesh"), ("--rate", "25", "--level", "3")
@@ -175,11 +174,6 @@ def tangential_force(file: h5py.File) -> None:
     file["hands/right/tick/force/total"][HOLD] += 0.01 * across
 
 
-def halved_candidates(file: h5py.File) -> None:
-    file["hands/right/tick/contacts/candidates"][...] //= 2
-    file["summary/right"].attrs["candidates_max"] = float(file["hands/right/tick/contacts/candidates"][...].max())
-
-
 def stretched_time(file: h5py.File) -> None:
     file["tick/time"][...] *= 2.0
     forge_scene(file, lambda scene: scene.update(rate=500.0))
@@ -205,16 +199,6 @@ def loose_palm_sphere(file: h5py.File) -> None:
 
 def deleted_figure(file: h5py.File) -> None:
     del file["summary/right"].attrs["tracking_excess"]
-
-
-def deleted_tremor(file: h5py.File) -> None:
-    del file["summary/right"].attrs[TREMBLING]
-
-
-def moved_in_the_air(file: h5py.File) -> None:
-    """A user's hand that was elsewhere in the approach, and the wrench that follows."""
-    file["hands/right/tick/haptic/position"][5, 0] += 1e-6
-    file["hands/right/tick/force/palm_wrench"][5, 0] -= 1e-3
 
 
 def drop(group: h5py.Group, names: tuple[str, ...], row: int) -> None:
@@ -262,11 +246,6 @@ def swapped_hands(file: h5py.File) -> None:
 
 def in_degrees(file: h5py.File) -> None:
     file["hands/right/tick/graphic/flexion"][UNMARKED] = np.degrees(file["hands/right/tick/graphic/flexion"][UNMARKED])
-
-
-def false_lag(file: h5py.File) -> None:
-    file["hands/right/tick/status"][UNMARKED] |= 2
-    file["summary/right"].attrs["lag_ticks"] += 1.0
 
 
 def busy_clock(file: h5py.File) -> None:
@@ -352,12 +331,6 @@ def of_left_contact(name: str, column: str, change: Callable[[Any], Any]) -> Fau
     return with_name(name, fault)
 
 
-def moved_along(file: h5py.File) -> None:
-    """The user's hand and the shown one aside, in ticks in which nothing touches."""
-    for name in ("haptic/position", "graphic/position", "graphic/joints"):
-        file[f"hands/right/tick/{name}"][3] += 1e-4
-
-
 def first_contact(file: h5py.File, of_table: bool) -> int:
     """The row of a contact that bears something at the tick."""
     chosen = (file["contact/tick"][...] == FREE_TICK) & ((file["contact/a"][...] >= 16) == of_table)
@@ -379,11 +352,6 @@ def too_much_torsion(file: h5py.File) -> None:
     file["contact/torsional_moment"][row] = 0.02 * file["contact/normal_force"][row]
 
 
-def hidden_slip(file: h5py.File) -> None:
-    slip = file["contact/slip"][...]
-    file["contact/slip"][int(slip.argmax())] = 0.0
-
-
 def halved_slip(file: h5py.File) -> None:
     """In a tick of several programs."""
     slip = file["contact/slip"][...]
@@ -391,20 +359,9 @@ def halved_slip(file: h5py.File) -> None:
     file["contact/slip"][int(np.where(several, slip, 0.0).argmax())] *= 0.5
 
 
-def claimed_to_stick(file: h5py.File) -> None:
-    file["contact/sticks"][int(file["contact/slip"][...].argmax())] = 1
-
-
 def other_finger(file: h5py.File) -> None:
     row = first_contact(file, of_table=False)
     file["contact/a"][row] = (file["contact/a"][row] + 3) % 15
-
-
-def long_normal(file: h5py.File) -> None:
-    """Half the push along twice the normal: the force is the same."""
-    row = first_contact(file, of_table=False)
-    file["contact/normal"][row] *= 2.0
-    file["contact/normal_force"][row] *= 0.5
 
 
 def swapped_wrenches(file: h5py.File) -> None:
@@ -422,13 +379,6 @@ def split_contact(file: h5py.File) -> None:
         del file[f"contact/{name}"]
         file[f"contact/{name}"] = np.insert(values, row, values[row], axis=0)
         file[f"contact/{name}"].attrs.update(attributes)
-
-
-# The mass halved, the gravity doubled: the weight is the same, what moves is not.
-pulled_down_twice = of_properties("pulled_down_twice", lambda free: free.update(mass=25.0, gravity=[0.0, 0.0, -19.62]))
-heavier_to_turn = of_properties(
-    "heavier_to_turn", lambda free: free.update(inertia=(1.1 * np.array(free["inertia"])).tolist())
-)
 
 
 def given_to_another(file: h5py.File) -> None:
@@ -464,23 +414,6 @@ def nudged_together(file: h5py.File) -> None:
         file[f"hands/right/tick/{name}"][AIR] += 1e-6
 
 
-def turned_user(file: h5py.File) -> None:
-    w, x, y, z = file["hands/right/tick/haptic/orientation"][AIR]
-    file["hands/right/tick/haptic/orientation"][AIR] = (w - 5e-7 * x, x + 5e-7 * w, y + 5e-7 * z, z - 5e-7 * y)
-
-
-def stale_user(file: h5py.File) -> None:
-    """A tick has the hand of one before."""
-    for name in ("position", "orientation", "flexion", "abduction"):
-        file[f"hands/right/tick/haptic/{name}"][AIR] = file[f"hands/right/tick/haptic/{name}"][AIR - 4]
-
-
-def moved_phases(file: h5py.File) -> None:
-    """The grasp begins early, in ticks in which nothing is measured by phase."""
-    file["phase/first_tick"][1] -= 4
-    file["phase/last_tick"][0] -= 4
-
-
 FAULTS: dict[str, dict[Fault, str]] = {
     "one hand": {
         invented_dataset: AGAIN,
@@ -493,29 +426,20 @@ FAULTS: dict[str, dict[Fault, str]] = {
         moved_hand: "non-penetration",
         at("swapped_finger", "hands/right/tick/graphic/flexion", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "kinematics",
         rotated: "kinematics",
-        at("stretched_quaternion", "hands/right/tick/graphic/orientation", HOLD, lambda x: x * 1.001): AGAIN,
         scaled_force: "force balance",
         pulling_force: "force balance",
         force_in_the_air: "complementarity",
         at("wrong_wrench", "hands/right/tick/force/palm_wrench", (HOLD, 4), lambda x: x + 1e-3): "palm wrench",
-        at("wrong_fingertip", "hands/right/tick/force/fingertip_normal", HOLD, lambda x: x * 1.01): AGAIN,
         not_the_optimum: "force balance",
         missing_sphere: "cover",
         wrong_parent: "tree encloses",
         edited_mesh: "cover",
         at("unsealed_mesh", "bodies/cylinder/mesh/vertices", (0, 0), lambda x: x + 1e-9): "checksums",
-        attribute("stale_metric", "summary/right", "force_hold_mean", lambda x: x * 1.01): AGAIN,
         attribute("stale_percentile", "summary/right", "tick_cpu_p99", lambda x: x * 0.5): "times",
-        at("stale_variation", "hands/right/tick/force_variation_rate", 120, lambda x: x * 1.1): AGAIN,
         over_the_limit: "joint limits",
         wrong_phase: AGAIN,
-        at("overlapping_phase", "phase/first_tick", 2, lambda x: x - 10): AGAIN,
         repeated_tick: "time",
-        at("older_sample", "hands/right/tick/input_seq", 120, lambda x: 3): AGAIN,
         short_whole: "times",
-        at("less_work", "hands/right/tick/work/units", HOLD, lambda x: x // 2): AGAIN,
-        at("silent_lag", "hands/right/tick/lag", HOLD, lambda x: 1e-4): AGAIN,
-        at("uncounted_pair", "hands/right/tick/contacts/touching", HOLD, lambda x: x - 1): AGAIN,
         at("false_stuck", "hands/right/tick/status", 120, lambda x: 1): AGAIN,
         at("strange_status", "hands/right/tick/status", 120, lambda x: 64): AGAIN,
         at("spread_finger", "hands/right/tick/graphic/abduction", (HOLD, 1), lambda x: x + 1e-4): "kinematics",
@@ -528,30 +452,19 @@ FAULTS: dict[str, dict[Fault, str]] = {
         at("swapped_forces", "hands/right/tick/force/phalanx", HOLD, lambda row: row[[0, 2, 1, 3, 4]]): "force balance",
         tangential_force: "force balance",
         at("claimed_depth", "hands/right/tick/penetration_finger", (HOLD, 1), lambda x: 1e-6): "depth",
-        at("not_a_number", "hands/right/tick/haptic/flexion", (HOLD, 1, 1), lambda x: np.nan): AGAIN,
-        attribute("vanished_figure", "summary/right", "penetration_max", lambda x: 1e-6): AGAIN,
-        at("smoothed_variation", "hands/right/tick/force_variation_finger", slice(120, 125), lambda x: 0.0): AGAIN,
-        halved_candidates: AGAIN,
-        at("fewer_bodies", "hands/right/tick/work/bodies", HOLD + 1, lambda x: x - 1): AGAIN,
         at("shifted_time", "tick/time", ..., lambda x: x + 1.0): "time",
         stretched_time: "time",
-        at("slightly_shrunk_sphere", "bodies/cylinder/tree/radius", -1, lambda x: x - 1e-6): AGAIN,
         pushed_vertex: AGAIN,
         dropped_palm_sphere: "palm",
         loose_palm_sphere: "palm",
         of_scene("wider_margin", lambda scene: scene["solver"].update(margin=2e-3)): AGAIN,
-        of_scene("narrower_margin", lambda scene: scene["solver"].update(margin=5e-4)): AGAIN,
         of_scene("fewer_linearisations", lambda scene: scene["solver"].update(linearisations=1)): AGAIN,
         of_scene("softer_coupling", lambda scene: scene["solver"]["stiffness"].update(rotation=4.0)): "palm wrench",
         of_scene("wider_touch", lambda scene: scene["solver"].update(touch=1e-3)): AGAIN,
-        of_scene("other_force_model", lambda scene: scene["solver"].update(force="paper")): AGAIN,
         of_scene("fewer_fingers", lambda scene: scene["solver"].update(fingers=["thumb", "index"])): "depth",
         deleted_figure: AGAIN,
-        deleted_tremor: AGAIN,
-        moved_in_the_air: AGAIN,
         of_scene("renamed_method", lambda scene: scene["solver"].update(method="progressive")): AGAIN,
         attribute("invented_figure", "summary/right", "comfort", lambda x: 0.97): AGAIN,
-        attribute("worded_figure", "summary/right", "penetration_max", lambda x: "none"): AGAIN,
         deep_between_samples: "non-penetration",
         moved_force: "complementarity",
         turned_force: "force balance",
@@ -560,49 +473,21 @@ FAULTS: dict[str, dict[Fault, str]] = {
             "turned_moment", "hands/right/tick/force/palm_wrench", (UNMARKED, slice(3, None)), lambda x: x * -1.0
         ): "palm wrench",
         at(
-            "fingertip_of_another",
-            "hands/right/tick/force/fingertip_normal",
-            UNMARKED,
-            lambda row: row[[0, 3, 2, 1, 4]],
-        ): AGAIN,
-        at(
             "swapped_user_fingers", "hands/right/tick/haptic/flexion", UNMARKED, lambda row: row[[0, 4, 2, 3, 1]]
         ): "force balance",
         swapped_hands: "kinematics",
         in_degrees: "kinematics",
-        at("user_spread", "hands/right/tick/haptic/abduction", (UNMARKED, 2), lambda x: x + 1e-6): AGAIN,
-        at("flipped_quaternion", "hands/right/tick/graphic/orientation", UNMARKED, lambda x: x * -1.0): AGAIN,
-        of_scene("left_hand", lambda scene: scene["hand"].update(side="left")): AGAIN,
         at("widened_limits", "hands/right/flexion_max", ..., lambda x: x + 0.1): AGAIN,
-        of_scene("larger_hand", lambda scene: scene["hand"].update(length=0.191)): AGAIN,
-        at("wider_spread", "hands/right/abduction_min", 3, lambda x: x - 1e-3): AGAIN,
-        at("held_input", "hands/right/tick/status", slice(160, 190), lambda x: x | 4): AGAIN,
-        at("late_first_sample", "hands/right/tick/input_seq", ..., lambda x: x + 5): AGAIN,
-        false_lag: AGAIN,
-        at("lag_of_no_number", "hands/right/tick/lag", UNMARKED, lambda x: np.nan): AGAIN,
         at("depth_of_no_number", "hands/right/tick/penetration_finger", (UNMARKED, 3), lambda x: np.nan): "depth",
-        at("variation_of_no_number", "hands/right/tick/force_variation_rate", UNMARKED, lambda x: np.nan): AGAIN,
         at("stamp_of_no_number", "tick/time", UNMARKED, lambda x: np.nan): "time",
         busy_clock: "times",
         at("negative_time", "hands/right/tick/duration/force", UNMARKED, lambda x: -5): "times",
-        at("more_pairs_tested", "hands/right/tick/work/pair_tests", UNMARKED, lambda x: x + 100_000): AGAIN,
-        of_scene("fewer_spheres_said", lambda scene: scene["modelled"].update(object_spheres=63)): AGAIN,
-        of_scene("other_level", lambda scene: scene["tree_options"].update(level=3)): AGAIN,
-        at("placed_elsewhere", "bodies/cylinder/position", 0, lambda x: x + 1e-6): AGAIN,
-        attribute("deeper_user", "summary/right", "input_depth_max", lambda x: x + 1e-5): AGAIN,
-        attribute("smaller_correction", "summary/right", "correction_joint_max", lambda x: x * 0.99): AGAIN,
-        attribute("nearer_contacts", "summary/right", "contact_error_max", lambda x: x * 0.9): AGAIN,
     },
     "two": {
-        at("nearer hands", "tick/between/graphic", LATE, lambda x: x - 1e-3): AGAIN,
-        at("hands in each other", "tick/between/haptic", LATE, lambda x: -x): AGAIN,
-        at("hands nowhere", "tick/between/graphic", LATE, lambda x: np.nan): AGAIN,
-        of_label("hands that meet", lambda scene: scene.update(hands_apart=False)): AGAIN,
         with_name("late hand", late_hand): AGAIN,
         attribute("stopped", "/", "complete", lambda _: 0): "complete",
         of_left_contact("forged point", "point", lambda x: x + 1e-3): "hand on object",
         of_left_contact("forged force", "normal_force", lambda x: 1.1 * x + 0.01): "hand on object",
-        of_left_contact("no slip", "slip", lambda x: 0.0): AGAIN,
         of_left_contact("turned friction", "friction_force", lambda x: -x): "hand on object",
         at("left hand eased", "hands/left/tick/force/total", LATE, lambda x: 0.9 * x): "equal and opposite",
         of_body("lighter", "cube", lambda of: of.update(mass=0.98 * of["mass"])): "Newton",
@@ -610,23 +495,13 @@ FAULTS: dict[str, dict[Fault, str]] = {
         at("thrown", "bodies/cube/tick/velocity", LATE, lambda x: x + 1e-4): "object velocity",
         at("spun", "bodies/cube/tick/angular_velocity", LATE, lambda x: x + 1e-4): "object angular",
         at("floating", "bodies/cube/tick/table_distance", LATE, lambda x: x + 1e-6): "table",
-        at("sure of friction", "bodies/cube/tick/friction_residual", LATE, lambda x: x + 1e-2): AGAIN,
-        of_label("other law", lambda scene: scene.update(friction_law="Coulomb")): AGAIN,
     },
     "door": {
         at("leaf off its hinge", "bodies/leaf/tick/position", ..., lambda x: x + 5e-3): "hinge",
         at("leaf that jumps", "bodies/leaf/tick/position", LATE, lambda x: x + 5e-3): "object velocity",
-        of_body("wider limits", "leaf", lambda of: of["hinge"].update(limits=[-1.7, 1.7])): AGAIN,
         of_body("smooth hinge", "leaf", lambda of: of["hinge"].update(friction=0.01)): "hinge",
         of_body("other axis", "leaf", lambda of: of["hinge"].update(axis=[0.0, 0.1, 1.0])): "hinge",
         of_body("other origin", "leaf", lambda of: of["hinge"].update(origin=[0.0, 0.0, 0.0])): "hinge",
-        of_body("other inertia", "leaf", lambda of: of.update(inertia=np.eye(3).tolist())): AGAIN,
-        of_body("other bearer", "leaf", lambda of: of["hinge"].update(on="stop")): AGAIN,
-        of_body("rougher", "leaf", lambda of: of.update(friction=0.9)): AGAIN,
-        of_body("torsion", "leaf", lambda of: of.update(torsion=0.01)): AGAIN,
-        shape("post elsewhere", "post", lambda x: x + [5e-3, 0.0, 0.0]): AGAIN,
-        shape("thinner post", "post", lambda x: x * [0.9, 1.0, 1.0]): AGAIN,
-        at("post that jumps", "bodies/post/tick/position", LATE, lambda x: x + 0.02): AGAIN,
         kind("free post", "post", "free"): AGAIN,
         at("helped", "bodies/leaf/tick/hand_wrench", LATE, lambda x: x + 1e-2): "hand on object",
     },
@@ -634,38 +509,24 @@ FAULTS: dict[str, dict[Fault, str]] = {
         at("other value", "bodies/lid/tick/joint", LATE, lambda x: x + 1e-3): "joints",
         at("lid that jumps", "bodies/lid/tick/position", LATE, lambda x: x + 5e-3): "joints",
         frozen("frozen lid", "lid", "position", "orientation"): "joints",
-        frozen("lid and joint frozen", "lid", "position", "orientation", "joint"): AGAIN,
-        at("lid off its hinge", "bodies/lid/tick/position", ..., lambda x: x + 5e-3): AGAIN,
         shape("thinner lid", "lid", lambda x: x * [1.0, 1.0, 0.8]): AGAIN,
         at("base that jumps", "bodies/base/tick/position", LATE, lambda x: x + 0.02): "joints",
         of_body("lid beyond its limits", "lid", lambda of: of["joint"].update(limits=[2.2, 2.4])): "joints",
-        of_body("lid of wider limits", "lid", lambda of: of["joint"].update(limits=[0.0, 3.0])): AGAIN,
         of_body("lid the other way", "lid", lambda of: of["joint"].update(axis=[1.0, 0.0, 0.0])): "joints",
         of_body("hinge elsewhere", "lid", lambda of: of["joint"].update(origin=[0.0, 0.0, 0.0])): "joints",
-        of_body("lid on the world", "lid", lambda of: of["joint"].update(on="")): AGAIN,
         of_body("lid that slides", "lid", lambda of: of["joint"].update(type="slider")): "joints",
-        of_label("own parts", lambda scene: scene["solver"].update(self_contact=True)): AGAIN,
-        of_label("friction modelled", lambda scene: scene["modelled"].update(not_modelled=["deformation"])): AGAIN,
-        kind("still lid", "lid", "fixed"): AGAIN,
     },
     "driven": {
         of_label("said to be still", lambda scene: scene.update(object_pose="fixed")): AGAIN,
         at("nudged", "bodies/cube/tick/position", LATE, lambda x: x + 1e-6): AGAIN,
-        at("opposite quaternion", "bodies/cube/tick/orientation", LATE, lambda x: -x): AGAIN,
-        at("begun elsewhere", "bodies/cube/position", 0, lambda x: x + 1e-6): AGAIN,
     },
     "fixed": {
-        with_name("other unit", lambda file: file["tick/time"].attrs.update(units="ms")): AGAIN,
-        with_name("other words", lambda file: file["hands/right/tick/lag"].attrs.update(long_name="none")): AGAIN,
-        kind("cube said to move", "cube", "driven"): AGAIN,
         of_label("larger budget", lambda scene: scene["solver"].update(budget=1)): AGAIN,
         of_label("other placement", lambda scene: scene.update(placement={"found": 1})): AGAIN,
-        with_name("moved along", moved_along): AGAIN,
     },
     "chest": {
         at("tray not as recorded", "bodies/tray/tick/recorded_position", LATE, lambda x: x + 1e-5): AGAIN,
         at("lid off the chest", "bodies/lid/tick/position", 5, lambda x: x + 1e-4): "joint",
-        of_body("lid of other limits", "lid", lambda of: of["hinge"].update(limits=[-1.7, 0.0])): AGAIN,
         at("unequal", "bodies/lid/tick/body_wrench", LATE, lambda x: x + 1e-2): "between bodies",
         at("chest in the tray", "bodies/chest/tick/position", 2, lambda x: x - [0.0, 0.0, 1e-4]): "bodies apart",
     },
@@ -673,15 +534,7 @@ FAULTS: dict[str, dict[Fault, str]] = {
         at("later hands", "tick/between/haptic", 3, lambda x: x + 1e-6): AGAIN,
         at("lid for nobody", "bodies/lid/tick/orientation", LATE, lambda x: x[[0, 2, 1, 3]]): "joints",
     },
-    "recording": {
-        nudged_together: AGAIN,
-        turned_user: AGAIN,
-        stale_user: AGAIN,
-        at("bent_user_finger", "hands/right/tick/haptic/flexion", (AIR, 3, 1), lambda x: x + 1e-6): AGAIN,
-        at("other_number", "hands/right/tick/input_seq", slice(3, None), lambda x: np.maximum(x - 1, 0)): AGAIN,
-        moved_phases: AGAIN,
-        at("renamed_phase", "phase/name", 1, lambda x: "pinch"): AGAIN,
-    },
+    "recording": {nudged_together: AGAIN, at("renamed_phase", "phase/name", 1, lambda x: "pinch"): AGAIN},
     "free on a table": {
         at(
             "pushed_object", "bodies/cylinder/tick/position", FREE_TICK, lambda x: x + (1e-6, 0.0, 0.0)
@@ -697,24 +550,14 @@ FAULTS: dict[str, dict[Fault, str]] = {
         of_properties("smoother_object", lambda free: free.update(friction=0.2)): "friction cones",
         too_much_torsion: "torsion",
         of_contact("pulling_table", "normal_force", lambda x: x * -1.0, of_table=True): "friction cones",
-        hidden_slip: AGAIN,
         halved_slip: AGAIN,
-        at("friction_off", "bodies/cylinder/tick/friction_residual", FREE_TICK, lambda x: x + 1e-5): AGAIN,
-        claimed_to_stick: AGAIN,
         at("friction_along", "contact/friction_force", ..., lambda x: x * -1.0): "hand's balance",
         at("higher_object", "bodies/cylinder/tick/table_distance", FREE_TICK, lambda x: x + 1e-6): "table",
         of_properties("sunken_table", lambda free: free.update(table=free["table"] + 1e-5)): "table",
         other_finger: "hand's balance",
-        long_normal: AGAIN,
-        of_contact("sticks_twice", "sticks", lambda x: 2): AGAIN,
-        of_contact("tilted_table", "normal", lambda x: (1e-3, 0.0, np.sqrt(1.0 - 1e-6)), of_table=True): AGAIN,
         swapped_wrenches: "hand on object",
-        of_contact("slip_of_no_number", "slip", lambda x: np.nan): AGAIN,
         of_properties("other_start", lambda free: free.update(velocity=[0.0, 0.0, 1e-3])): "Newton",
-        at("turned_twice", "bodies/cylinder/tick/orientation", FREE_TICK, lambda x: x * -1.0): AGAIN,
         of_contact("point_elsewhere", "point", lambda x: x + (0.0, 1e-4, 0.0)): "hand on object",
-        heavier_to_turn: AGAIN,
-        pulled_down_twice: AGAIN,
         split_contact: AGAIN,
     },
     "halves": {
@@ -738,4 +581,4 @@ FAULTS: dict[str, dict[Fault, str]] = {
         of_second("in one place", "position", AT_REST, lambda x: x - (0.02, 0.0, 0.0)): "bodies apart",
     },
 }
-"""The check that names each fault, by kinds of results."""
+"""The check that names each fault, by kinds of results; a walk finds that the second run sees each item changed."""

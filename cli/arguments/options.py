@@ -40,13 +40,6 @@ Rerun = Annotated[str, RerunWord()]
 RERUN = "spawn|FILE.rrd|connect[=URL]"
 
 
-def names_a_result(name: str | Path) -> bool:
-    """Return whether an argument is a result, and not an object, a suite or a baseline."""
-    from hhsim.result.schema import SUFFIXES
-
-    return Path(name).suffix.lower() in SUFFIXES
-
-
 DIGITS = 20
 """Digits from which on a whole number is refused unread."""
 
@@ -127,6 +120,12 @@ def _announce(context: click.Context, parameter: click.Parameter, quiet: bool) -
     return quiet
 
 
+SCHEDULER = option(
+    "Dask cluster that shares the work: tcp://host:8786, or local for --jobs processes.", "ADDRESS", default=""
+)
+WHICH_HANDS = option(
+    "Which hand grasps, or both. Default: the recording's, else the right one.", None, "--hand", "--hands"
+)
 SEED = option("Seed of everything random.", "N", default=0)
 JSON = option("Print one JSON document, SI units, and nothing else.", None, "--json")
 QUIET = option("Show no progress and no table; errors still show.", None, "--quiet", "-q", callback=_announce)

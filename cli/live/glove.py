@@ -11,7 +11,7 @@ from hhsim.live.gloves import GLOVES, POSES, USUAL_POSE_PORT, PoseConfig
 from hhsim.result.safety import AFTER_STALL
 from hhsim.solver.method import METHODS
 
-from ..arguments import options, scene_options
+from ..arguments import object_options, options, scene_options
 from ..arguments.command import Number, OptionGroup, make_command, option
 from ..console import print_json, print_notes, progress
 from .glove_settings import GloveChoice, own_options
@@ -190,15 +190,15 @@ class SessionSettings(options.Printing, heading="Session"):
 @make_command
 def command(
     *,
-    object_: str = scene_options.OBJECT,
+    object_: str = object_options.OBJECT,
     glove: GloveChoice,
     hand: HandChoice,
     feedback: Feedback,
     solver: SessionSolver,
-    tree: scene_options.TreeChoice,
+    tree: object_options.TreeChoice,
     free: scene_options.FreeChoice,
     session: SessionSettings,
-    mesh_file: scene_options.MeshFile,
+    mesh_file: object_options.MeshFile,
 ) -> int:
     """Put a glove in the loop: its fingers move the hand, and are stopped where the shown hand is.
 

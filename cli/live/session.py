@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from hhsim.system.counted import counted
+from hhsim.table.table import Table
 
 from ..arguments.options import HANDS
 
@@ -55,7 +56,9 @@ class LiveStatus:
         from rich.console import Console
         from rich.live import Live
 
-        with Live(console=Console(stderr=True, highlight=False), auto_refresh=False, transient=True) as live:
+        with Live(
+            console=Console(stderr=True, highlight=False, markup=False), auto_refresh=False, transient=True
+        ) as live:
             self._live = live
             try:
                 yield
@@ -95,21 +98,11 @@ class LiveStatus:
             x, y, z = 1e3 * palm.position
             rows.append(("palm", f"{x:.1f}, {y:.1f}, {z:.1f} mm; a stroke is {1e3 * palm.step:g} mm"))
         rows.append(("keys", " · ".join(f"{keys} {what}" for keys, what in self.keys)))
-        self._live.update(self._table(rows, now - self._began), refresh=True)
+        from hhsim.table.terminal import terminal_text
 
-    def _table(self, rows: Rows, seconds: float) -> Any:
-        from rich import box
-        from rich.table import Table
-        from rich.text import Text
-
-        table = Table(box=box.ROUNDED, show_header=False, title_justify="left")
-        table.title = Text(f"{self.heading}   {seconds // 60:.0f}:{seconds % 60:04.1f}", style="bold")
-        table.add_column(style="cyan", no_wrap=True)
-        table.add_column(overflow="fold")
-        for name, value in rows:
-            alarm = name.endswith("fingers") and value.startswith("free")
-            table.add_row(Text(name), Text(value, style="bold yellow" if alarm else ""))
-        return table
+        minutes, seconds = divmod(now - self._began, 60.0)
+        table = Table.of_cells(("", ""), rows, f"{self.heading}   {minutes:.0f}:{seconds:04.1f}")
+        self._live.update(terminal_text(table, in_terminal=True), refresh=True)
 
 
 def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> Rows:

@@ -12,6 +12,7 @@ from ..console import print_line, print_table
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
     from hhsim.metrics.session_faults import FaultCounts
+    from hhsim.result.reader import Result
 
 Row = tuple[str, str, str]
 
@@ -66,41 +67,41 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
     return rows
 
 
+def recorded(outcome: "SessionOutcome") -> "Result | None":
+    """Return the recording of the hand; None without one that can be read."""
+    from hhsim.errors import InputError
+    from hhsim.result.reader import load_result
+
+    if outcome.record is not None and outcome.recorded:
+        with suppress(InputError):
+            return load_result(outcome.record).hands[outcome.side]
+    return None
+
+
 def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
     """Count faults in the recording, as the gate does; without one, among the events of the session."""
     from hhsim.errors import InputError
     from hhsim.metrics.session_faults import FaultCounts, recorded_faults
-    from hhsim.result.reader import load_result
     from hhsim.result.schema import FAULT
 
-    if outcome.record is not None and outcome.recorded:
-        with suppress(InputError):
-            return recorded_faults(load_result(outcome.record).hands[outcome.side])
+    with suppress(InputError):
+        if (result := recorded(outcome)) is not None:
+            return recorded_faults(result)
     tally, counters, early = outcome.tally, outcome.counters, float(bool(outcome.loop_failed))
     told = max(early, sum(level == FAULT for _, level, _ in outcome.notices))
     return FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
 
 
 def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
-    """Return errors over the recording [m]; empty if it is not whole.
-
-    They are `penetration_max`, and of a free object `object_raised`.
-    """
-    from hhsim.errors import InputError
+    """Return `penetration_max`, and of a free object `object_raised`, over the recording [m]; empty if not whole."""
     from hhsim.metrics.run_ticks import result_free_run
-    from hhsim.result.reader import load_result
 
-    if outcome.record is None or outcome.record_failed or not outcome.recorded:
+    result = recorded(outcome)
+    if result is None or outcome.record_failed or not result.complete:
         return {}
-    with suppress(InputError):
-        result = load_result(outcome.record).hands[outcome.side]
-        if result.complete:
-            free = result_free_run(result)
-            return {
-                "penetration_max": float(result.summary["penetration_max"]),
-                **({} if free is None else {"object_raised": free.raised}),
-            }
-    return {}
+    free = result_free_run(result)
+    raised = {} if free is None else {"object_raised": free.raised}
+    return {"penetration_max": float(result.summary["penetration_max"]), **raised}
 
 
 def session_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:

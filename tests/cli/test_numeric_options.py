@@ -25,7 +25,6 @@ WORDS = {
     *("--scheduler", "--rerun", "--trajectory", "--palm-axes", "--link"),
 }
 """Options whose texts hold no number."""
-READ_LATER = {"--width": "what draws the figure reads it, with its unit: tests/report/test_figure_file.py"}
 SMALL = "a number from 0 on may be as small as it likes"
 OFF = "0 is none at all"
 TINY = {"--friction", "--table-friction", "--torsion", "--tremor"}
@@ -46,7 +45,7 @@ def numeric_options() -> Iterator[tuple[Any, click.Option]]:
         for option in found.command.params:
             if isinstance(option, click.Option) and not option.is_flag and not option.is_eager:
                 typed = isinstance(option.type, click.Choice | click.Path)
-                if not typed and option.opts[0] not in WORDS | READ_LATER.keys():
+                if not typed and option.opts[0] not in WORDS:
                     yield found, option
 
 
@@ -74,7 +73,7 @@ def test_absurd_numbers_are_refused_in_one_line(found: Any, option: click.Option
 
 def test_every_option_that_is_named_here_is_one() -> None:
     there = {option for found in COMMANDS for parameter in found.command.params for option in parameter.opts}
-    named = {name.removeprefix("live ") for name, _ in FINE} | WORDS | READ_LATER.keys()
+    named = {name.removeprefix("live ") for name, _ in FINE} | WORDS
     assert named <= there, named - there
 
 

