@@ -216,16 +216,15 @@ def _print(outcome: "RepairOutcome") -> None:
 def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: options.Printing) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
-    from hhsim.sweep.repair_batch import run_manifest
-    from hhsim.sweep.repair_page import brief_table
+    from hhsim.sweep.repair_batch import brief_table, run_manifest
 
     with progress(quiet=printing.quiet) as report:
         found = run_manifest(
             manifest, out, repair_recording, workers=jobs, scheduler=scheduler, pictures=pictures, progress=report
         )
     if printing.as_json:
-        print_json({"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)})
+        print_json({"recordings": found.table.records, "failed": dict(found.failed), "table": str(found.path)})
     elif not printing.quiet:
         print_table(brief_table(found.table.rows))
-        print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}")
+        print_line(f"{len(found.failed)} without a repair within the limits; all of it is in {found.path}")
     return 1 if found.failed else 0
