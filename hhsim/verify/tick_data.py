@@ -11,6 +11,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.solver.method import never_penetrates
+from hhsim.system.counted import counted
 from hhsim.verify.contacts import (
     PALM,
     Pairs,
@@ -33,17 +34,6 @@ from hhsim.verify.tree_checks import leaves
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE, SNAP = 1, 2, 4, 8, 16, 32, 64, 128
 """Flags of a tick's status."""
-FLAGS = {
-    STUCK: "stuck",
-    LAG: "with lag",
-    INPUT_INVALID: "of held input",
-    START_INSIDE: "begun inside",
-    CAPACITY_EXCEEDED: "full",
-    ABDUCTION_HELD: "of held abduction",
-    NO_PLACE: "without a place",
-    SNAP: "that snap",
-}
-"""What ticks with a flag are called."""
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
 BLOCK = 1024
@@ -54,10 +44,9 @@ WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
 def left_out(status: IntArray, flags: int) -> str:
-    """Name the ticks that some flags keep from a claim, by their statuses (T,); "" for none."""
-    counts = {word: np.count_nonzero(status & flag) for flag, word in FLAGS.items() if flag & flags}
-    told = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
-    return f"left out: {told}" if told else ""
+    """Return in words how many ticks some flags keep from a claim, by their statuses (T,); "" for none."""
+    count = int(np.count_nonzero(status & flags))
+    return f"left out: {counted(count, 'tick')} of other states" if count else ""
 
 
 @dataclass(frozen=True, eq=False)
