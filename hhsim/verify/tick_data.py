@@ -58,7 +58,7 @@ class JudgedBody:
     radius: FloatArray
     first: int  # number of its first sphere or triangle among those of all bodies
     on_mesh: bool  # True if the hand touched triangles
-    turn: FloatArray | None  # rotation matrix to the world (n, 3, 3); None: the body stands still
+    turn: FloatArray  # rotation matrix to the world (n, 3, 3)
     shift: FloatArray  # translation to the world [m] (n, 3)
 
     @cached_property
@@ -73,16 +73,12 @@ class JudgedBody:
 
     def seen_points(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return points [m], shape (m, ..., 3), at the ticks of these rows as the body sees them."""
-        if self.turn is None:
-            return points
         flat = points.reshape(len(points), math.prod(points.shape[1:-1]), 3) - self.shift[rows][:, None]
         return np.asarray(np.einsum("tji,tkj->tki", self.turn[rows], flat).reshape(points.shape))
 
     def seen(self, posed: Posed, rows: IntArray) -> Posed:
         """Return the hands of these rows as the body sees them."""
         here = posed.at(rows)
-        if self.turn is None:
-            return here
         axes = np.einsum("tji,tfj->tfi", self.turn[rows], here.axes)
         joints, palm, position = (self.seen_points(points, rows) for points in (here.joints, here.palm, here.position))
         return Posed(joints, axes, palm, position)
@@ -90,8 +86,6 @@ class JudgedBody:
     def placed(self, pairs: Pairs, rows: IntArray) -> Pairs:
         """Return pairs that the body sees, of ticks that are places in these rows, in the world."""
         pairs = pairs._replace(leaf=pairs.leaf + self.first)
-        if self.turn is None:
-            return pairs
         at = rows[pairs.tick]
         point, normal = (np.einsum("nij,nj->ni", self.turn[at], of) for of in (pairs.point, pairs.normal))
         return pairs._replace(point=point + self.shift[at], normal=normal)
@@ -103,8 +97,8 @@ def judged_bodies(result: Result) -> tuple[JudgedBody, ...]:
     moved = result.meshes_moved() or (None,)
     for body, motion in zip(result.bodies.values(), moved, strict=True):
         mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
-        turn = None if motion is None else rotations(motion.turn)[0].as_matrix()
-        shift = np.zeros((0, 3)) if motion is None else motion.shift
+        still = np.tile(np.eye(3), (result.ticks, 1, 1)), np.zeros((result.ticks, 3))
+        turn, shift = still if motion is None else (rotations(motion.turn)[0].as_matrix(), motion.shift)
         found.append(JudgedBody(mesh, *leaves(body), first, on_mesh, turn, shift))
         first += len(mesh.faces) if on_mesh else len(found[-1].radius)
     return tuple(found)
