@@ -27,10 +27,8 @@ THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""
 INSIDE = 1e-6
 """Depth of the hand's surface or joints above which a frame was inside [m]."""
-KEPT, TOUCHING, RATIO, LARGEST = (
-    *("contacts_kept_5mm", "frames_in_contact_5mm"),
-    *("acceleration_ratio", "correction_max"),
-)
+KEPT, TOUCHING = "contacts_kept_5mm", "frames_in_contact_5mm"
+RATIO, LARGEST = "acceleration_ratio", "correction_max"
 """Names of figures that the verdict judges, besides the depths."""
 Statistic = Callable[[FloatArray], float]
 
