@@ -18,9 +18,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, stored_hands
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
-from hhsim.kernels.contact.penetration import clearances
-from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.hand.hands_apart import hands_apart
+from hhsim.kernels.contact.contact_points import clearances
+from hhsim.kernels.hand.hand_shape import HandShape, hands_apart
 
 FORCE_FLOOR = 0.01
 """Smallest force with a meaningful rate of change [N]."""
