@@ -184,15 +184,14 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
 def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: Printing) -> int:
     """Repair the recordings of a manifest; returns the exit code."""
     from hhsim.repair.repair import repair_recording
-    from hhsim.sweep.repair_batch import run_manifest
-    from hhsim.sweep.repair_page import brief_table
+    from hhsim.sweep.repair_batch import brief_table, run_manifest
 
     how: Any = {"workers": jobs, "scheduler": scheduler, "pictures": pictures}
     with progress(quiet=printing.quiet) as report:
         found = run_manifest(manifest, out, repair_recording, **how, progress=report)
     printing.show(
-        {"recordings": found.table.records, "failed": dict(found.failed), "page": str(found.page)},
+        {"recordings": found.table.records, "failed": dict(found.failed), "table": str(found.path)},
         brief_table(found.table.rows),
-        f"{len(found.failed)} without a repair within the limits; all of it is in {found.page}",
+        f"{len(found.failed)} without a repair within the limits; all of it is in {found.path}",
     )
     return 1 if found.failed else 0

@@ -16,8 +16,6 @@ from hhsim.replay.summary_table import promised
 from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, word_of
 from hhsim.table.verdict import verdict as missed_limits
 
-LEAST_PROCESSES = 3
-"""Minimum number of processes of each side: a median of fewer follows every outlier."""
 CHANGED, REFUSED = "changed", "refused"
 """Verdicts of rows besides those of figures; a scene is refused that cannot be run for bad input."""
 WORSE_WITHIN = "worse within limits"
@@ -182,11 +180,9 @@ def judge_time(scene: str, head: Sequence[float], base: Sequence[float], limit: 
     processes, whose memory layouts differ. The median over processes of the p50 of the CPU time is stable, with base
     and head run in turn so that both see the same machine: ratios of two such medians are compared with a limit of 5 %.
 
-    Raises InputError for fewer than three processes of a side, or times [s] that are not positive.
+    Raises InputError for times [s] that are not positive.
     """
     for name, times in (("base", base), ("head", head)):
-        if len(times) < LEAST_PROCESSES:
-            raise InputError(f"{len(times)} timed processes of {name}: at least {LEAST_PROCESSES} are needed")
         if not all(math.isfinite(value) and value > 0.0 for value in times):
             raise InputError(f"times of {name} that are not positive: the clock cannot be used")
     before, now = float(np.median(base)), float(np.median(head))

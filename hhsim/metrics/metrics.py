@@ -236,8 +236,6 @@ def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiff
     haptic palm, world. `stiffness` is the diagonal of G, shape (21,): 3 k_t [N/m], 3 k_r [N·m/rad], 15 k_θ [N·m/rad].
     """
     diagonal = np.asarray(stiffness, dtype=np.float64)
-    if diagonal.shape != (21,):
-        raise InputError(f"tracking energy: stiffness has shape {diagonal.shape}, expected (21,)")
     shift = haptic.position - graphic.position
     turn = rotation_vector(quaternion_product(haptic.orientation, conjugate(graphic.orientation)))
     bend = (haptic.flexion - graphic.flexion).reshape(-1, 15)

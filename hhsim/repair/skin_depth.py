@@ -10,12 +10,11 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import Bodies, object_bvh
+from hhsim.metrics.field.hands import Bodies
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.repair.projection import Projection
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
@@ -23,23 +22,16 @@ from hhsim.repair.tracks import HandJudge, put
 from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii
 
 
-def skin_depth(given: Mesh | MovingParts, vertices: FloatArray) -> tuple[FloatArray, IntArray]:
+def skin_depth(given: Mesh | MovingParts, vertices: FloatArray) -> FloatArray:
     """Compute how deep the deepest vertex of each frame lies inside a watertight mesh or parts [m], (T,), 0 outside.
 
-    Vertices [m] have shape (T, V, 3); NaN counts as outside. Returns also the deepest vertex, (T,), -1 for none inside.
+    Vertices [m] have shape (T, V, 3).
     """
-    bodies = Bodies.of(given)
-    depth, deepest = np.zeros(len(vertices)), np.full(len(vertices), -1)
+    bodies, depth = Bodies.of(given), np.empty(len(vertices))
     for first in range(0, len(vertices), BLOCK_FRAMES):
         block = slice(first, min(first + BLOCK_FRAMES, len(vertices)))
-        inside = np.zeros(vertices[block].shape[:2])
-        for mesh, points in zip(bodies.meshes, bodies.at(block).seen(vertices[block])):
-            # A vertex beyond the mesh's box is outside.
-            near = ((points >= mesh.bounds[0]) & (points <= mesh.bounds[1])).all(axis=2)
-            inside[near] = np.maximum(inside[near], -mesh_signed_distance(object_bvh(mesh), points[near]))
-        depth[block] = np.maximum(inside.max(axis=1, initial=0.0), 0.0)
-        deepest[block] = np.where(depth[block] > 0.0, inside.argmax(axis=1), -1)
-    return depth, deepest
+        depth[block] = np.maximum(-bodies.at(block).distance(vertices[block]).min(axis=1), 0.0)
+    return depth
 
 
 class WrittenSkin(WrittenHand):
@@ -99,8 +91,7 @@ class PushedOut(NamedTuple):
     # The given one in frames that were outside, and in those that could not be freed, T frames.
     posture: HandConfiguration
     depth: FloatArray  # depth of the skin before [m], shape (T,)
-    depth_after: FloatArray  # the same in `posture`, shape (T,)
-    is_freed: BoolArray  # True where `depth_after` is 0, shape (T,)
+    is_freed: BoolArray  # True where the skin is outside in `posture`, shape (T,)
 
 
 def push_out(
@@ -114,7 +105,7 @@ def push_out(
     """Free the skin of a recorded hand near its corrected posture, frame by frame.
 
     The hand's own round cones play no part. Mesh or parts, watertight and wound outward, skin, recorded joints as of
-    `hhsim.repair.skin.moved_skin`, and both configurations are in one frame. A frame with NaN counts as outside.
+    `hhsim.repair.skin.moved_skin`, and both configurations are in one frame.
     """
     projection = SkinProjection(WrittenSkin(joints, hand, fitted, False, skin), HandJudge(hand, given))
     vertices = np.empty_like(skin.vertices)
@@ -122,12 +113,12 @@ def push_out(
         some = slice(first, first + BLOCK_FRAMES)
         part = WrittenSkin(joints[some], hand, fitted.at(some), False, replace(skin, vertices=skin.vertices[some]))
         vertices[some] = part.vertices(part.posed(posture.at(some)))
-    depth = skin_depth(given, vertices)[0]
-    found, after = posture.copy(), depth.copy()
-    for frame in np.flatnonzero(depth > 0.0).tolist():
+    depth = skin_depth(given, vertices)
+    found, is_freed = posture.copy(), depth <= 0.0
+    for frame in np.flatnonzero(~is_freed).tolist():
         one = projection.at(frame)
         freed = one.free_near(posture.part(frame, frame + 1))
         if freed is not None:
             put(found, frame, freed)
-            after[frame] = max(0.0, -float(one.clearance(freed)[0]))
-    return PushedOut(found, depth, after, after <= 0.0)
+            is_freed[frame] = bool(one.clearance(freed)[0] >= 0.0)
+    return PushedOut(found, depth, is_freed)

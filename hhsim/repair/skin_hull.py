@@ -58,9 +58,6 @@ class SkinFit:
     contained: float  # share of the vertices that lie inside
     excess_mean: float  # mean distance outside [m], over all vertices (0 inside)
     excess_max: float  # largest distance outside [m]
-    slack_mean: float  # mean depth inside [m], over all vertices (0 outside)
-    # Largest distance outside for the palm and each finger [m], shape (6,); NaN where nothing counts.
-    excess: FloatArray
 
 
 def hand_with_skin(
@@ -129,11 +126,7 @@ def skin_fit(hand: HandModel, skin: Skin, fitted: HandConfiguration, palm: Palm)
     all_gaps = np.concatenate(gaps)
     outside = np.maximum(all_gaps, 0.0)
     return SkinFit(
-        contained=float((all_gaps <= 0.0).mean()),
-        excess_mean=float(outside.mean()),
-        excess_max=float(outside.max()),
-        slack_mean=float(np.maximum(-all_gaps, 0.0).mean()),
-        excess=np.array([max(float(gap.max()), 0.0) if gap.size else np.nan for gap in gaps]),
+        contained=float((all_gaps <= 0.0).mean()), excess_mean=float(outside.mean()), excess_max=float(outside.max())
     )
 
 

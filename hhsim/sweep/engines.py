@@ -38,8 +38,6 @@ class TaskEnd:
     digest: str
     reason: str = ""  # reason of its failure; "" if what it makes is written
     ticks: int = 0  # number of ticks in all its runs
-    # Duration of all of it; for the first cell of a process without its scene, in which code is loaded.
-    seconds: float = 0.0
 
 
 class Task(Protocol):

@@ -1,15 +1,18 @@
-"""Repairs of a manifest: runs the rows that are not done yet, and writes the table and the page of all of them."""
+"""Repairs of a manifest: runs the rows that are not done yet, and writes the table of all of them."""
 
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from hhsim.metrics.field.field_table import field_metrics
 from hhsim.repair.request import Repair
 from hhsim.sweep.engines import TaskEnd, require_dask, run_to_end
 from hhsim.sweep.folder import check_own, has_format, locked
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.repair_manifest import (
+    PlannedRepair,
     RowOutcome,
     RowTask,
     finished,
@@ -18,24 +21,99 @@ from hhsim.sweep.repair_manifest import (
     read_outcome,
     row_digest,
 )
-from hhsim.sweep.repair_page import RepairedRow, repair_page, repair_table
 from hhsim.system.atomic_write import write_atomically, write_together
 from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import physical_cores
-from hhsim.table.table import Table, stored_unit
+from hhsim.table.table import Column, Table, number, stored_unit, words
 
 MARK = "repairs.json"
 FORMAT = "hhsim-repairs"
+BRIEF = {
+    "PD before": ("depth_skin_max_before", "depth_cones_max_before"),
+    "PD after": ("depth_skin_max_after", "depth_cones_max_after"),
+    "kept, 5 mm": ("contacts_kept_5mm_after",),
+    "ACC ratio": ("acceleration_ratio_after",),
+    "MPJPE": ("mpjpe_after",),
+    "correction": ("correction_max_after",),
+    "a frame": ("time_per_frame",),
+}
+"""Columns of the table in a terminal: each has the first of these figures that a row has."""
+LOOKS = {"time_per_frame": Column("CPU time a frame", unit="ms", digits=1)}
+"""Columns of figures that are none of the field (`field_metrics`); any other has its own name, and no unit."""
+
+
+@dataclass(frozen=True)
+class RepairedRow:
+    """Row of the manifest with its outcome."""
+
+    planned: PlannedRepair
+    outcome: RowOutcome
+
+
+def repair_table(rows: Sequence[RepairedRow]) -> Table:
+    """Return the table of all rows in their order; its figures are all that any row has, by their names."""
+    return Table(
+        [
+            words("name", "planned.name"),
+            words("state", "outcome.state"),
+            words("recording", lambda row: row.planned.request.recording.name),
+            words("object", lambda row: row.planned.request.object.replace("\\", "/").rpartition("/")[2]),
+            number("frames", "outcome.frames"),
+            number("marked", lambda row: len(row.outcome.marked)),
+            words("doubt", lambda row: "; ".join(row.outcome.doubts)),
+            *(_column(name, name) for name in _figure_names(rows)),
+            words("reason", "outcome.reason"),
+        ],
+        rows,
+        "All recordings",
+    )
+
+
+def brief_table(rows: Sequence[RepairedRow]) -> Table:
+    """Return the table of all rows that a terminal has room for."""
+    known = _figure_names(rows)
+
+    def column(called: str, names: tuple[str, ...]) -> Column:
+        def value(row: RepairedRow) -> float | None:
+            return next((found for name in names if (found := row.outcome.figures.get(name)) is not None), None)
+
+        return replace(_column(names[0], called), of=value)
+
+    figures = [column(called, names) for called, names in BRIEF.items() if any(name in known for name in names)]
+    counts = number("frames", "outcome.frames"), number("marked", lambda row: len(row.outcome.marked))
+    return Table(
+        [
+            words("name", "planned.name"),
+            words("state", "outcome.state"),
+            *counts,
+            *figures,
+            words("reason", "outcome.reason"),
+        ],
+        rows,
+        "All recordings",
+    )
+
+
+def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
+    return list(dict.fromkeys(name for row in rows for name in row.outcome.figures))
+
+
+def _column(name: str, called: str) -> Column:
+    """Return the column of a figure, by its name with or without _before or _after."""
+    base, _, when = name.rpartition("_")
+    metric = field_metrics().get(base if when in ("before", "after") else name)
+    look = LOOKS.get(name, Column(name)) if metric is None else Column(name, unit=metric.unit, digits=metric.digits)
+    return replace(look, name=called, of=lambda row: row.outcome.figures.get(name))
 
 
 @dataclass(frozen=True)
 class BatchOutcome:
-    """Table of all rows, names and reasons of those that missed a limit or failed, and the path of the page."""
+    """Table of all rows, names and reasons of those that missed a limit or failed, and the path of the table."""
 
     table: Table
     failed: tuple[tuple[str, str], ...]
-    page: Path
+    path: Path
 
 
 def run_manifest(
@@ -95,8 +173,7 @@ def run_manifest(
             {
                 out / "table.csv": table.csv().encode(),
                 out / "table.json": f"{json.dumps(document, indent=1, allow_nan=False)}\n".encode(),
-                out / "report.html": repair_page(ended, table, path.name).encode(),
             }
         )
-    failed = tuple((row.name, row.outcome.reason) for row in ended if row.outcome.reason)
-    return BatchOutcome(table, failed, out / "report.html")
+    failed = tuple((row.planned.name, row.outcome.reason) for row in ended if row.outcome.reason)
+    return BatchOutcome(table, failed, out / "table.csv")

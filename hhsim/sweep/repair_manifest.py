@@ -56,7 +56,7 @@ from hhsim.system.plain_json import plain_json
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 
 NAME = re.compile(r"[^./\\][^/\\]{0,99}")
-OF_THE_FOLDER = ("report.html", "table.csv", "table.json", "repairs.json")
+OF_THE_FOLDER = ("table.csv", "table.json", "repairs.json")
 OF_THE_ROW = ("outcome.json",)
 """Files of the output folder, and of the folder of a row."""
 WITH_PLACES = ("object", "poses", "name", "mano_model", "columns", "profile")

@@ -53,16 +53,12 @@ class CellTask(FolderTask):
         began = time.perf_counter()
         cell, folder, plan_folder = self.cell, Path(self.folder), Path(self.plan_folder)
         partial = folder / f".{self.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
-        is_new = not _scene.cache_info().misses
         files = cell_files(cell, plan_folder)
         if cell.digest(plan_folder) != self.digest:
             raise LostFileError(CHANGED)
         of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
         what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
         scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
-        if is_new:
-            # Most of that time the process loaded code, which says nothing of the cells after this one.
-            began = time.perf_counter()
 
         def run() -> list[ReplaySummary]:
             return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
@@ -99,7 +95,7 @@ class CellTask(FolderTask):
             "notes": list(summary.notes),
         }
         write_row(folder / f"{self.digest}.json", cell, self.digest, row)
-        return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs), seconds=seconds)
+        return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs))
 
 
 @dataclass(frozen=True)

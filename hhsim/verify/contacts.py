@@ -55,10 +55,6 @@ class Pairs(NamedTuple):
         """Pairs at `rows`, in their order."""
         return Pairs._make(values[rows] for values in self)
 
-    def bodies(self, ticks: int) -> IntArray:
-        """Number of bodies that have a pair at each tick, shape (ticks,)."""
-        return np.bincount(np.unique(self.tick * BODIES + self.body) // BODIES, minlength=ticks)
-
     def nearest(self, ticks: int) -> FloatArray:
         """Least distance [m] of each body at each tick, shape (ticks, 16); infinite where no pair is near."""
         found = np.full((ticks, BODIES), np.inf)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.result.body import ON_TABLE, Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BETWEEN_COLUMNS
@@ -36,6 +36,10 @@ class FreeBody:
         # The first tick follows the scene's start; after a recorder's gap the tick before is unknown.
         self.follows = follows(result)
         self.follows[0] = result.live is None or result["live/tick/record"][0] == 0
+        # Hands and body have one program: flags of both hands, and ticks in which it was solved more than once.
+        hands = [result, *([] if result.other is None else [result.other])]
+        self.status = np.bitwise_or.reduce([np.asarray(hand["status"]) for hand in hands])
+        self.several = np.max([np.asarray(hand["work/linearisations"]) for hand in hands], axis=0) > 1
         self.place, self.orientation = body.place
         self.vertices = np.asarray(body.vertices)
         # Velocity of the centre of mass [m/s] and angular velocity [rad/s], from before the first tick on, (T + 1, 3).
@@ -53,15 +57,6 @@ class FreeBody:
     def of(self, column: str) -> FloatArray:
         """Dataset of the body."""
         return np.asarray(self.stored[column])
-
-    def of_hands(self, column: str, bits: int = -1) -> AnyArray:
-        """Dataset of the hand at the ticks, of two the greater value: hands and body have one program.
-
-        Of flags only `bits` count.
-        """
-        hands = (self.result, *([] if self.result.other is None else [self.result.other]))
-        every = [np.asarray(hand[column]) for hand in hands]
-        return np.asarray(np.max([of & bits for of in every] if bits >= 0 else every, axis=0))
 
     @cached_property
     def turned(self) -> "Rotation":
@@ -102,18 +97,17 @@ class FreeBody:
         may take back what others made, beyond them by its own step, which ends a tick.
         """
         step = float(self.result.scene["solver"]["step_tolerance"]) / self.extent
-        several = self.of_hands("work/linearisations") > 1
-        return np.where(several, np.linalg.norm(self.turn, axis=1) + step, 0.0)
+        return np.where(self.several, np.linalg.norm(self.turn, axis=1) + step, 0.0)
 
     @cached_property
     def whole(self) -> IntArray:
         """Ticks that neither lag nor are stuck; in others the object makes only a fraction of its program's step."""
-        return np.asarray(np.flatnonzero(self.of_hands("status", LAG | STUCK) == 0))
+        return np.asarray(np.flatnonzero(self.status & (LAG | STUCK) == 0))
 
     @property
     def left_out(self) -> str:
         """The other ticks in words."""
-        return left_out(self.of_hands("status", LAG | STUCK), LAG | STUCK)
+        return left_out(self.status, LAG | STUCK)
 
     @property
     def size(self) -> FloatArray:

@@ -11,6 +11,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.solver.method import never_penetrates
+from hhsim.system.counted import counted
 from hhsim.verify.contacts import (
     PALM,
     Pairs,
@@ -33,17 +34,6 @@ from hhsim.verify.tree_checks import leaves
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 STUCK, LAG, INPUT_INVALID, START_INSIDE, CAPACITY_EXCEEDED, ABDUCTION_HELD, NO_PLACE, SNAP = 1, 2, 4, 8, 16, 32, 64, 128
 """Flags of a tick's status."""
-FLAGS = {
-    STUCK: "stuck",
-    LAG: "with lag",
-    INPUT_INVALID: "of held input",
-    START_INSIDE: "begun inside",
-    CAPACITY_EXCEEDED: "full",
-    ABDUCTION_HELD: "of held abduction",
-    NO_PLACE: "without a place",
-    SNAP: "that snap",
-}
-"""What ticks with a flag are called."""
 LENGTH = 1e-9
 """Tolerance of lengths [m]: a thousandth of the smallest that any table shows."""
 BLOCK = 1024
@@ -54,10 +44,9 @@ WHY_LENGTH = "a thousandth of the smallest length that a table shows"
 
 
 def left_out(status: IntArray, flags: int) -> str:
-    """Name the ticks that some flags keep from a claim, by their statuses (T,); "" for none."""
-    counts = {word: np.count_nonzero(status & flag) for flag, word in FLAGS.items() if flag & flags}
-    told = ", ".join(f"{count:,} {word}" for word, count in counts.items() if count)
-    return f"left out: {told}" if told else ""
+    """Return in words how many ticks some flags keep from a claim, by their statuses (T,); "" for none."""
+    count = int(np.count_nonzero(status & flags))
+    return f"left out: {counted(count, 'tick')} of other states" if count else ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +58,7 @@ class JudgedBody:
     radius: FloatArray
     first: int  # number of its first sphere or triangle among those of all bodies
     on_mesh: bool  # True if the hand touched triangles
-    turn: FloatArray | None  # rotation matrix to the world (n, 3, 3); None: the body stands still
+    turn: FloatArray  # rotation matrix to the world (n, 3, 3)
     shift: FloatArray  # translation to the world [m] (n, 3)
 
     @cached_property
@@ -84,16 +73,12 @@ class JudgedBody:
 
     def seen_points(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return points [m], shape (m, ..., 3), at the ticks of these rows as the body sees them."""
-        if self.turn is None:
-            return points
         flat = points.reshape(len(points), math.prod(points.shape[1:-1]), 3) - self.shift[rows][:, None]
         return np.asarray(np.einsum("tji,tkj->tki", self.turn[rows], flat).reshape(points.shape))
 
     def seen(self, posed: Posed, rows: IntArray) -> Posed:
         """Return the hands of these rows as the body sees them."""
         here = posed.at(rows)
-        if self.turn is None:
-            return here
         axes = np.einsum("tji,tfj->tfi", self.turn[rows], here.axes)
         joints, palm, position = (self.seen_points(points, rows) for points in (here.joints, here.palm, here.position))
         return Posed(joints, axes, palm, position)
@@ -101,8 +86,6 @@ class JudgedBody:
     def placed(self, pairs: Pairs, rows: IntArray) -> Pairs:
         """Return pairs that the body sees, of ticks that are places in these rows, in the world."""
         pairs = pairs._replace(leaf=pairs.leaf + self.first)
-        if self.turn is None:
-            return pairs
         at = rows[pairs.tick]
         point, normal = (np.einsum("nij,nj->ni", self.turn[at], of) for of in (pairs.point, pairs.normal))
         return pairs._replace(point=point + self.shift[at], normal=normal)
@@ -114,8 +97,8 @@ def judged_bodies(result: Result) -> tuple[JudgedBody, ...]:
     moved = result.meshes_moved() or (None,)
     for body, motion in zip(result.bodies.values(), moved, strict=True):
         mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
-        turn = None if motion is None else rotations(motion.turn)[0].as_matrix()
-        shift = np.zeros((0, 3)) if motion is None else motion.shift
+        still = np.tile(np.eye(3), (result.ticks, 1, 1)), np.zeros((result.ticks, 3))
+        turn, shift = still if motion is None else (rotations(motion.turn)[0].as_matrix(), motion.shift)
         found.append(JudgedBody(mesh, *leaves(body), first, on_mesh, turn, shift))
         first += len(mesh.faces) if on_mesh else len(found[-1].radius)
     return tuple(found)

@@ -291,7 +291,7 @@ IN_SESSIONS: dict[Fault, str] = {
 def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
     path = tmp_path / "session.h5"
     write_session(path)
-    assert gate_result(load_result(path)).exit_code == 0
+    assert not {row.name for row in gate_result(load_result(path)).missed} & set(IN_SESSIONS.values())
     for fault, figure in IN_SESSIONS.items():
         shutil.copy(path, tmp_path / "faulty.h5")
         with changed(tmp_path / "faulty.h5") as file:

@@ -31,7 +31,7 @@ def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[f
         assert found.verdict == expected
 
 
-@pytest.mark.parametrize("wrong", [[1.0, 1.0], [1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
+@pytest.mark.parametrize("wrong", [[1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
 def test_times_that_say_nothing_are_refused(wrong: list[float]) -> None:
     with pytest.raises(InputError, match="base"):
         judge_time("tiny", [1.0, 1.0, 1.0], wrong, 0.05)

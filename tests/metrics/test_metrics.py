@@ -248,10 +248,8 @@ class TestTracking:
         turned_by = np.sqrt(metrics.tracking_energy(haptic, graphic, stiffness))
         np.testing.assert_allclose(turned_by, angle, atol=1e-6)
 
-    def test_no_ticks_have_no_energy_and_stiffness_of_the_wrong_length_is_refused(self) -> None:
+    def test_no_ticks_have_no_energy(self) -> None:
         assert metrics.tracking_energy(poses(0), poses(0), STIFFNESS).shape == (0,)
-        with pytest.raises(InputError, match=r"shape \(3,\), expected \(21,\)"):
-            metrics.tracking_energy(poses(1), poses(1), np.ones(3))
 
     def test_excess_over_the_reference(self) -> None:
         excess = metrics.tracking_excess([2.0, 1.0, 1.0, np.nan], [1.0, 1.0, 0.0, 1.0])

@@ -123,7 +123,7 @@ def test_a_limit_that_is_missed_exits_1(run: Run, tmp_path: Path, monkeypatch: p
         "hhsim.sweep.repair_batch.run_manifest",
         lambda *_, **__: BatchOutcome(Table.of_cells(("name",), []), (("grasp", "missed"),), tmp_path / "page.html"),
     )
-    monkeypatch.setattr("hhsim.sweep.repair_page.brief_table", lambda rows: Table.of_cells(("name",), [("grasp",)]))
+    monkeypatch.setattr("hhsim.sweep.repair_batch.brief_table", lambda rows: Table.of_cells(("name",), [("grasp",)]))
     answer = run("repair", "grasp.npz", "--object", "sphere", "--out", "free.npz")
     assert answer.code == 1 and "limits missed: correction\n" in answer.out
     assert "marked, without a repair or beyond the limit: 2 of 12: 3, 4\n" in answer.out

@@ -15,7 +15,7 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.overlap import Solid, overlap
-from hhsim.verify.bodies_apart import _Solid
+from hhsim.verify.free_object_checks import _Solid
 
 FALSE_DEPTH = 1e-12
 """Rounding of a depth [m]."""

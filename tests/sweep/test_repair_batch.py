@@ -60,7 +60,7 @@ def test_every_row_ends_whatever_others_do_and_any_number_of_processes_writes_th
         "r8": ("repaired", ""),
     }
     assert dict(found.failed) == {name: reason for name, (_, reason) in states(one).items() if reason}
-    assert found.page == one / "report.html"
+    assert found.path == one / "table.csv"
     files = tree(one)
     assert files == tree(two)
     assert files["r0/r0.txt"] == b"copy 9"

@@ -123,7 +123,7 @@ def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
         ("size_mm = 120", "size_mm = 1\nunit = \"mm\"", "unit and size_mm exclude each other"),
         ("{folder}-{stem}", "{stem}", "two recordings are called 'cup_pour_1'"),
         ("{folder}-{stem}", "../{stem}", "name: '../cup_pour_1' is none for a folder"),
-        ("{folder}-{stem}", "Report.html", "name: 'Report.html' is none for a folder"),
+        ("{folder}-{stem}", "Table.csv", "name: 'Table.csv' is none for a folder"),
         ("{folder}-{stem}", "x" * 101, "is none for a folder"),
         ("{folder}-{stem}", "{stam}", "m.toml: recording[1]: name: unknown place '{stam}': did you mean {stem}?"),
         ("poses/{stem}", "poses/{object}", "recording[1]: poses: there is no file poses/cup.npy in"),

@@ -6,13 +6,15 @@ import h5py
 import numpy as np
 import pytest
 import trimesh
-from file_faults import forge_scene
+from file_faults import at, forge_scene
+from live_session import write_session
 from planted_faults import planted
 from short_grasp import short_result
 
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import LARGEST_NUMBER
-from hhsim.result.reader import Result
+from hhsim.result.reader import Result, load_result
+from hhsim.result.safety import Safety
 from hhsim.verify.claim import FAILS, HOLDS
 from hhsim.verify.file_checks import file_claims
 from hhsim.verify.tree_checks import outside_spheres
@@ -75,3 +77,13 @@ def test_frames_have_the_rate_that_the_file_says(result: Result, tmp_path: Path)
         file["tick/time"][...] *= 1.0001
 
     assert time_verdict(planted(result.path, tmp_path, stretched)) == FAILS
+
+
+def test_a_finger_that_is_held_though_a_reason_frees_it_is_a_false_claim(tmp_path: Path) -> None:
+    write_session(tmp_path / "session.h5")
+    session = load_result(tmp_path / "session.h5")
+    held = int(np.flatnonzero((session["live/tick/command_stiffness"] > 0.0).any(axis=1))[0])
+    said = at("said", "hands/right/live/tick/safety", held, lambda _: int(Safety.STALE_INPUT))
+    for result, fails in ((session, False), (planted(session.path, tmp_path, said), True)):
+        (commands,) = (claim for claim in file_claims(result) if claim.name == "commands")
+        assert (commands.failed, commands.tick) == (fails, held if fails else None)

@@ -21,7 +21,6 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.callee import Kernel
 from hhsim.kernels.hand.pose import LARGEST
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.motion.resample import STAMP_TOLERANCE
 from hhsim.replay.verdict import verdict as report_verdict
 from hhsim.result.reader import Result, load_result
@@ -237,20 +236,6 @@ def test_other_options_hold_too(tmp_path: Path, options: dict[str, Any]) -> None
         assert (result["status"] & 2).any(), "nothing lags: the test shows nothing"
     if options.get("method") == "penalty":
         assert verdict(found, "forces") == NOT_JUDGED
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_a_place_on_the_axis_is_the_nearest(seed: int) -> None:
-    """Against the case table of the round cone, another derivation."""
-    rng = np.random.default_rng(seed)
-    a, b = rng.normal(size=(2, 3))
-    big = float(rng.uniform(0.05, 0.4))
-    small = float(rng.uniform(max(0.01, big - 0.9 * float(np.linalg.norm(b - a))), big))
-    points = rng.normal(size=(20, 3)) * 2.0
-    ends = np.tile(a, (20, 1)), np.tile(b, (20, 1))
-    place, radius = axis_places(*ends, np.full(20, big), np.full(20, small), points)
-    found = np.linalg.norm(place - points, axis=1) - radius
-    assert np.allclose(found, round_cone_distance(points, a, b, big, small), atol=1e-12)
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-3, 0.3), st.floats(0.01, 0.4), st.floats(0.01, 0.4))

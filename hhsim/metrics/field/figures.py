@@ -27,10 +27,8 @@ THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""
 INSIDE = 1e-6
 """Depth of the hand's surface or joints above which a frame was inside [m]."""
-KEPT, TOUCHING, RATIO, LARGEST = (
-    *("contacts_kept_5mm", "frames_in_contact_5mm"),
-    *("acceleration_ratio", "correction_max"),
-)
+KEPT, TOUCHING = "contacts_kept_5mm", "frames_in_contact_5mm"
+RATIO, LARGEST = "acceleration_ratio", "correction_max"
 """Names of figures that the verdict judges, besides the depths."""
 Statistic = Callable[[FloatArray], float]
 
@@ -164,18 +162,14 @@ def _rate_words(pair: FieldPair) -> str:
     return f"{1.0 / float(np.median(steps)):.4g} Hz" if steps.size else ""
 
 
-def _depth_figures() -> Iterator[FieldMetric]:
-    sources: tuple[tuple[str, str, Callable[[FieldHands], FloatArray | None]], ...] = (
-        ("joints", "21 joint centres", lambda hands: hands.joint_distance),
-        ("skin", "vertices of the skin", lambda hands: hands.skin_distance),
-        ("cones", "surface of cones and palm spheres", lambda hands: hands.cone_distance),
+def _depth_figures(
+    name: str, words: str, distance: Callable[[FieldHands], FloatArray | None]
+) -> tuple[FieldMetric, FieldMetric]:
+    most, usual = of_each(lambda hands: largest(depths(distance(hands)))), of_each(lambda h: mean(depths(distance(h))))
+    return (
+        FieldMetric(f"depth_{name}_max", f"PD, {name}, max", 3, "mm", compute=most, parameters=words),
+        FieldMetric(f"depth_{name}_mean", f"PD, {name}, mean of frames", 3, "mm", compute=usual, parameters=words),
     )
-    statistics: tuple[tuple[str, str, Statistic], ...] = (("max", "max", largest), ("mean", "mean of frames", mean))
-    for name, words, distance in sources:
-        for short, label, statistic in statistics:
-            compute = of_each(lambda hands, d=distance, s=statistic: s(depths(d(hands))))  # type: ignore[misc]
-            full = f"PD, {name}, {label}"
-            yield FieldMetric(f"depth_{name}_{short}", full, 3, "mm", compute=compute, parameters=words)
 
 
 def _volume_figure(name: str, label: str, statistic: Statistic) -> FieldMetric:
@@ -210,7 +204,9 @@ def _force_figure(finger: int) -> FieldMetric:
 
 
 METRICS = (
-    *_depth_figures(),
+    *_depth_figures("joints", "21 joint centres", lambda hands: hands.joint_distance),
+    *_depth_figures("skin", "vertices of the skin", lambda hands: hands.skin_distance),
+    *_depth_figures("cones", "surface of cones and palm spheres", lambda hands: hands.cone_distance),
     _volume_figure("volume_exact_mean", "IV, exact, mean of frames", mean),
     _volume_figure("volume_exact_max", "IV, exact, max", largest),
     *_contact_figures(THRESHOLDS[0]),
