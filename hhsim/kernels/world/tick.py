@@ -400,8 +400,11 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
 
 @jit
 def _may_end(method: World, state: Record) -> bool:
-    """Return whether a tick whose work budget is spent may end: where no step was accepted bodies would stop."""
-    return as_bool(state.progress.is_accepted or is_still(method.world[0].problem))
+    """Return whether a tick whose work budget is spent may end before a step was accepted: that of a hand alone.
+
+    Bodies would stop, and two hands that meet, whose programs take many times the work, would try the same for ever.
+    """
+    return as_bool(state.progress.is_accepted or _goes_alone(method))
 
 
 @jit
