@@ -34,6 +34,13 @@ def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     assert bool(found.equations) == (kind != "fixed")
 
 
+def test_two_hands_whose_programs_outspend_the_budget_go_on(tmp_path: Path) -> None:
+    """They met in tick 530, and stood there for ever: each tick ended before a step, and the next tried the same."""
+    case = draw("fixed", 4242, 37, 1200)
+    found = judge(case.ticks_of(load_result(played(case, tmp_path))), 100)
+    assert found.findings == []
+
+
 def changed(kind: str, change: Callable[[Recorded, Moved], None]) -> list[str]:
     """Find what is wrong in a scene of which a copy of the motion of the free body that hands push most was changed."""
     scene = clean(kind)
