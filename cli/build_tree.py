@@ -40,6 +40,10 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         "Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
         default="outer",
     )
+    minimise: Literal["protrusion", "volume"] = option(
+        "Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
+        default="protrusion",
+    )
     threads: Annotated[int, click.IntRange(1, 64)] | None = option(
         "Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.", "N"
     )
@@ -50,7 +54,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 
         named = (self.level, self.leaves, self.max_error) != (None, None, None)
         level = self.level if named else usual_level
-        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error)
+        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
 
     def of_links(self, seed: int) -> "TreeOptions":
         """Return the options of each link of a robot."""

@@ -16,10 +16,11 @@ from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover
+from hhsim.trees.fewest_spheres import fewest_spheres
 from hhsim.trees.hierarchy import cover_hierarchy
 from hhsim.trees.options import FEW, MOST_LEAVES, TreeOptions, needed_level
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
-from hhsim.trees.surface_cover import cover_of, cover_of_few, in_own_frame
+from hhsim.trees.surface_cover import cover_of, in_own_frame
 
 GROWTH = 1e-6
 """Growth of spheres, as a share of the mesh's longest extent, where rounding prevents a proof."""
@@ -46,7 +47,7 @@ def build_sphere_tree(
 
     Each level has its own cover, proved to contain the whole surface, with branching ** level spheres; the leaves are
     that of the last level, and every inner node encloses the leaves below it. Few leaves that are asked for by number
-    begin at many places, see `hhsim.trees.surface_cover.cover_of_few`.
+    are searched for, see `hhsim.trees.fewest_spheres`.
 
     Args:
         mesh: Watertight and wound outward, or any triangles as of `hhsim.mesh.own_triangles`.
@@ -115,7 +116,9 @@ class _Builder:
             self.progress(stage, cycles * self.done + done * size, cycles * total)
 
         def spheres() -> tuple[FloatArray, FloatArray]:
-            return (cover_of_few if searched else cover_of)(self.ready, size, report, self.workers)
+            if searched:
+                return fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
+            return cover_of(self.ready, size, report, self.workers)
 
         mesh, _, faces, bvh = self.surface
         center, radius = spheres()

@@ -57,15 +57,6 @@ _TRIM_FROM = 0.95
 _THINNEST = 1e-9
 _BESIDE = 1e-4
 """Distance from a triangle at which its sides are told from each other, in sizes of the mesh."""
-_STARTS, _KEPT = 16, 4
-"""Starts of a cover of few spheres, all but one at random, and how many of their ends are refined."""
-_PIECES = 3000, 60
-"""Micro-triangles of such a start: so many, and so many more for each sphere."""
-_TURNS, _MOVES, _SHARE = 16, 8, 0.2
-"""Turns from such a start, by exchanges and by moves in turn, number of the latter, and share of the spheres in the
-first exchange; it falls to none."""
-_REFINEMENTS, _MOVES_AFTER = 10, 6
-"""Refinements of such an end, and moves after each."""
 _SUBTREES = 3
 """Depth of the subtrees of micro-triangles that threads share out."""
 _SHARES = 16
@@ -82,11 +73,6 @@ class CoverInProgress:
         count = len(micro.corner)
         self.owner, self.second_owner = np.full((2, count), -1)
         self.cost, self.second_cost = np.full((2, count), np.inf)
-
-    def place(self, center: FloatArray, depth: FloatArray) -> None:
-        """Put spheres in place of those that are there, and give them the micro-triangles."""
-        self.center, self.depth, self.step = center.copy(), depth.copy(), np.zeros(len(depth))
-        self.assign()
 
     def drop(self, stays: BoolArray) -> None:
         """Drop the spheres that do not stay; their micro-triangles have no valid owner then."""
@@ -204,12 +190,6 @@ class CoverInProgress:
         # So that costly spheres have less to cover, and cheap ones more.
         self.assign(self.depth + _HANDICAP * np.clip(most - own, 0.0, _SLACK * most))
         self.relax(_ROUNDS[1])
-
-    def trim(self) -> None:
-        """Halve the costliest micro-triangles, so that the spheres have to reach less."""
-        for _ in range(_TRIMS):
-            self.refine(_TRIM_FROM)
-            self.assign()
 
     def spheres_of(self, mesh: "MeshInFrame") -> tuple[FloatArray, FloatArray]:
         """Return centres [m], shape (n, 3), and radii [m], (n,), that suffice for each micro-triangle's owner."""
@@ -357,8 +337,13 @@ def cover_of(
         if cover.worst < least:
             least, best = cover.worst, (cover.center.copy(), cover.depth.copy())
         progress("cover", turn + 1, cycles + 1)
-    cover.place(*best)
-    cover.trim()
+    cover.center, cover.depth = best
+    # There were more spheres, or fewer, in the last turn than in the best one.
+    cover.step = np.zeros(len(cover.depth))
+    cover.assign()
+    for _ in range(_TRIMS):
+        cover.refine(_TRIM_FROM)
+        cover.assign()
     for _ in range(_REPLACEMENTS):
         cover.drop(np.bincount(cover.owner, minlength=len(cover.depth)) > 0)
         if len(cover.depth) == spheres:
@@ -368,55 +353,3 @@ def cover_of(
     progress("cover", cycles + 1, cycles + 1)
 
     return cover.spheres_of(mesh)
-
-
-def cover_of_few(
-    mesh: MeshInFrame, spheres: int, progress: Progress = silent, workers: Workers | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Cover a mesh with at most `spheres` spheres, few of them, as `cover_of`: the best of that and of many starts.
-
-    Where few spheres begin decides where they end; many find their places by exchanges.
-    """
-    workers = workers or Workers()
-    edge = edges_for(mesh.corner, np.ones(len(mesh.corner)), _PIECES[0] + _PIECES[1] * spheres)
-    micro = cut_mesh(mesh.corner, mesh.normal, edge)
-    points, rng = micro.corner.reshape(-1, 3), np.random.default_rng(0)
-    middle = points.mean(axis=0)
-
-    def descend(center: FloatArray | None) -> tuple[float, FloatArray, FloatArray]:
-        cover = CoverInProgress(mesh.bvh, micro, spheres, Workers())
-        if center is None:
-            cover.fill()
-            cover.assign()
-        else:
-            cover.place(center, -heights(mesh.bvh, center))
-        best = cover.worst, cover.center.copy(), cover.depth.copy()
-        for turn in range(_TURNS):
-            if spheres > 1 and turn % 2 == 0:
-                cover.exchange(max(1, math.floor(_SHARE * (1.0 - turn / _TURNS) * spheres)))
-            else:
-                cover.relax(_MOVES)
-            if cover.worst < best[0]:
-                best = cover.worst, cover.center.copy(), cover.depth.copy()
-        return best
-
-    def refine(_: float, center: FloatArray, depth: FloatArray) -> tuple[FloatArray, FloatArray]:
-        cover = CoverInProgress(mesh.bvh, micro, spheres, Workers())
-        cover.place(center, depth)
-        for _ in range(_REFINEMENTS):
-            cover.refine(_FINER_FROM)
-            cover.assign()
-            cover.relax(_MOVES_AFTER)
-        cover.trim()
-        return cover.spheres_of(mesh)
-
-    drawn = (points[rng.choice(len(points), spheres)] for _ in range(_STARTS - 1))
-    starts = [None, *(np.ascontiguousarray(middle + 0.8 * (each - middle)) for each in drawn)]
-    ends = workers.each(descend, ((start,) for start in starts))
-    progress("cover", 1, 3)
-    found = workers.each(refine, sorted(ends, key=lambda end: end[0])[:_KEPT])
-    progress("cover", 2, 3)
-    found.append(cover_of(mesh, spheres, workers=workers))
-    progress("cover", 3, 3)
-    size = mesh.frame.size
-    return min(found, key=lambda each: float((each[1] + size * heights(mesh.bvh, mesh.frame.into(each[0]))).max()))
