@@ -193,7 +193,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int
 
 def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
     bvh = build_mesh_bvh(vertices, faces, signed=False)
-    return SolidField(bvh, winding_moments(bvh), bvh, -1.0)
+    return SolidField(bvh, winding_moments(bvh))
 
 
 def _border(surface: MeshInRepair, field: SolidField) -> _Border:

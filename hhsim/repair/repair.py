@@ -62,7 +62,7 @@ from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
-from hhsim.system.atomic_write import new_files, write_atomically
+from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
 from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
@@ -348,6 +348,7 @@ def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
     out = request.out
     if out.suffix.lower() not in (given.suffix.lower(), *NEW_SUFFIXES):
         raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
+    undo_killed(out)
     for path in (out, *map(request.beside, beside)):
         check_output_path(path)
 
