@@ -1,4 +1,7 @@
-"""Layers of a picture of the hand on an object: skin, the haptic hand as blue glass, forces in red with their sizes."""
+"""Layers of a picture of the hand on an object: skin, the haptic hand as blue glass, forces in red with their sizes.
+
+A force behind another part of the hand is hollow, and has the name of its finger beside its size.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -25,6 +28,10 @@ LONGEST_ARROW = 10.0
 BODY_OPACITY = 0.5
 IN_FRONT = 10.0
 """Distance by which forces are drawn in front of everything else [m]."""
+BEHIND = 0.02
+"""Depth below the skin that is seen at which a contact is behind another part of the hand, not its own [m]."""
+RIM = 300
+"""Height of a picture over the width of the rim of a hollow arrow."""
 LETTER = 0.92
 """Width of a letter or digit with its share of the white rim [pixels at 100 to the inch, by the size in pt]."""
 
@@ -39,21 +46,46 @@ def arrow_surfaces(forces: Sequence[PieceForce]) -> list[Surface]:
     return [arrow_surface(force.contact, arrow(force), ARROW_RADIUS, RED) for force in shown]
 
 
-def transparent(graphic: Surface, haptic: Surface, body: Layer, forces: Sequence[PieceForce], camera: Camera) -> Layers:
-    """Return the layers of a transparent object, the haptic hand in and around it, and the forces over everything."""
+def with_hidden(forces: Sequence[PieceForce], hand: Layer, camera: Camera) -> list[PieceForce]:
+    """Return the forces, those marked that are behind another part of the hand."""
+    rows, columns = hand.depth.shape
+    marked = []
+    for force in forces:
+        right, up, depth = camera.rotation @ (force.contact - camera.center)
+        row = int(0.5 * rows - up * rows / camera.height)
+        column = int(0.5 * columns + right * rows / camera.height)
+        inside = 0 <= row < rows and 0 <= column < columns
+        marked.append(replace(force, is_hidden=bool(inside and hand.depth[row, column] > depth + BEHIND)))
+    return marked
+
+
+def transparent(
+    graphic: Surface, haptic: Surface, body: Layer, forces: Sequence[PieceForce], camera: Camera
+) -> tuple[Layers, list[PieceForce]]:
+    """Return the layers of a transparent object, the haptic hand in and around it, and the forces over everything.
+
+    The forces are returned, too, as of `with_hidden`.
+    """
     hand = shade(graphic, camera)
+    marked = with_hidden(forces, hand, camera)
     ghost = behind(shade(haptic, camera), hand)
     # Glass is clearest where one looks straight at it.
     glass = np.asarray(0.3 + 0.6 * (1.0 - np.abs(ghost.facing)) ** 2)
-    return [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass), *arrow_layers(forces, camera)]
+    return [(hand, 1.0), (body, BODY_OPACITY), (ghost, glass), *arrow_layers(marked, camera)], marked
 
 
 def arrow_layers(forces: Sequence[PieceForce], camera: Camera) -> Layers:
-    """Return the layer of arrows in front of everything; none without arrows."""
-    if not (arrows := arrow_surfaces(forces)):
-        return []
-    layer = shade(joined(arrows), camera)
-    return [(replace(layer, depth=layer.depth + IN_FRONT), 1.0)]
+    """Return the layers of arrows in front of everything, the hidden ones hollow; none without arrows."""
+    from scipy.ndimage import binary_erosion
+
+    layers: Layers = []
+    for is_hidden in (False, True):
+        if arrows := arrow_surfaces([force for force in forces if force.is_hidden == is_hidden]):
+            layer = shade(joined(arrows), camera)
+            rim = max(1, len(layer.depth) // RIM)
+            inside = binary_erosion(layer.seen(), iterations=rim) if is_hidden else False
+            layers.append((replace(layer, depth=np.where(inside, -np.inf, layer.depth + IN_FRONT)), 1.0))
+    return layers
 
 
 def behind(ghost: Layer, hand: Layer) -> Layer:
@@ -64,7 +96,7 @@ def behind(ghost: Layer, hand: Layer) -> Layer:
 def label(axes: "Axes", forces: Sequence[PieceForce], camera: Camera, size: float = 11.0, pixel: float = 1.0) -> None:
     """Write the size of each force at its arrow's head in letters of `size` [pt], or lower where another one stands.
 
-    `pixel` is the size of the picture's pixels, relative to 100 to the inch.
+    A hidden force has its finger's name, too. `pixel` is the size of the picture's pixels, relative to 100 to the inch.
     """
     rows, columns = camera.shape
     scale = rows / camera.height
@@ -76,7 +108,8 @@ def label(axes: "Axes", forces: Sequence[PieceForce], camera: Camera, size: floa
         away = along[:2] / max(float(np.linalg.norm(along[:2])), 1e-9)
         head = np.array([0.5 * columns + scale * tip[0], 0.5 * rows - scale * tip[1]])
         first = head + np.array([20.0 * away[0], -12.0 * away[1]]) / pixel
-        text = f"{np.linalg.norm(force.force):.1f} N"
+        finger = f" {force.name.partition('/')[0]}" if force.is_hidden else ""
+        text = f"{np.linalg.norm(force.force):.1f} N{finger}"
         edge = np.array([max(22.0, 0.5 * LETTER * size * len(text)), 9.0]) / pixel
         first = np.clip(first, edge, np.array([columns, rows]) - edge)
         place = first.copy()

@@ -32,6 +32,7 @@ class PieceForce:
     name: str
     contact: FloatArray
     force: FloatArray
+    is_hidden: bool = False  # True if another part of the hand is before its contact
 
 
 def arrow(force: PieceForce) -> FloatArray:

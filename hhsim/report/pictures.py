@@ -78,7 +78,8 @@ def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = N
     camera = frame(points, look_from(towards.towards), shape, MARGIN)
     with new_figure(*PICTURE) as figure:
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _show(axes, blend(transparent(*shown.hands, shade(body, camera), shown.forces, camera)), shown, camera)
+        layers, forces = transparent(*shown.hands, shade(body, camera), shown.forces, camera)
+        _show(axes, blend(layers), replace(shown, forces=forces), camera)
         alt = f"The hand at {name}, tick {tick:,}: {felt}."
         return page_figure(f"tick-{tick}", f"Tick {tick:,}", f"{HANDS} {CUT}" if cut else HANDS, alt, figure)
 

@@ -151,7 +151,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         if moves:
             stone = shade(_at_tick(bodies, result, tick), camera)
         now = at(tick)
-        layers = transparent(*now.hands, stone, now.forces, camera)
+        layers, _ = transparent(*now.hands, stone, now.forces, camera)
         yield _written_on(composed(layers), results, tick, width)
 
 

@@ -17,7 +17,7 @@ from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.render.figure import new_figure, save_figure, tidy
-from hhsim.render.hand_picture import arrow_layers, arrow_surfaces, behind, label
+from hhsim.render.hand_picture import arrow_layers, arrow_surfaces, behind, label, with_hidden
 from hhsim.render.rasterizer import blend, frame, shade
 from hhsim.render.triangle_soup import PIECES, STONE, hand_surface, joined, look_from, mesh_surface, painted
 from hhsim.render.viewpoint import GHOST, PieceForce, View, viewpoint
@@ -250,6 +250,7 @@ def draw_scene(
     camera = frame(joined([graphic, body, *arrow_surfaces(forces)]).points, look_from(view.towards), (size, size))
     hand, ghost = shade(graphic, camera), shade(painted(haptic, GHOST), camera)
     layers = [(hand, 1.0), (shade(body, camera), 1.0), (behind(ghost, hand), GLASS)]
+    forces = with_hidden(forces, hand, camera)
     axes.imshow(blend([*layers, *arrow_layers(forces, camera)]), interpolation="none")
     axes.set_axis_off()
     label(axes, forces, camera, 8.0)
