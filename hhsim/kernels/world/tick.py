@@ -387,7 +387,8 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         each = states[h]
         snaps = each.progress.snaps or each.progress.snapped > 0
         hand_forces(options, as_bool(still and snaps), each)
-        if each.progress.snaps:
+        # In its last tick, too, a snap may take the hand farther than the user's went.
+        if each.progress.snaps or (still and snaps and each.progress.lag == 0.0):
             world.status[h] |= STATUS_SNAP
         if h > 0:
             # The program is one: its work is that of both.
