@@ -62,7 +62,7 @@ def stable() -> dict[str, str]:
         found[name] = " ".join(members(thing)) if inspect.isclass(thing) else arguments(thing)
     (point,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
     found |= dict(options(importlib.import_module(point.module).hhsim, "hhsim"))
-    tables = [each for each in vars(schema).values() if isinstance(each, tuple)]
+    tables = [schema.sample_columns(-1), *(each for each in vars(schema).values() if isinstance(each, tuple))]
     found["datasets"] = " ".join(
         sorted({one.name for each in tables for one in each if isinstance(one, schema.Column)})
     )

@@ -64,7 +64,7 @@ LINES = (
 
 def test_every_command_and_every_engine_is_among_the_lines() -> None:
     assert {line.words.split()[0] for line in LINES} == COMMANDS.keys()
-    assert len(ENGINES) > 5
+    assert len(ENGINES) > 2
 
 
 @pytest.mark.soak

@@ -30,15 +30,15 @@ def copy(tmp_path: Path) -> Path:
 
 
 WATCHED = (
-    *("round_cone_distance", "contact.detection", "contact.penetration", "cover.greedy_cover"),
+    *("round_cone", "contact.detection", "contact.contact_points", "cover.greedy_cover"),
     *("tick.block", "world.tick"),
 )
 EDITS = {
-    "kernels/round_cone_distance.py": {*WATCHED} - {"cover.greedy_cover"},
-    "kernels/contact/detection.py": {"contact.detection", "contact.penetration", "tick.block", "world.tick"},
+    "kernels/round_cone.py": {*WATCHED} - {"cover.greedy_cover"},
+    "kernels/contact/detection.py": {"contact.detection", "contact.contact_points", "tick.block", "world.tick"},
     "kernels/tick/tick.py": {"tick.block", "world.tick"},
     # The tick imports neither the surface nor the method: both are declared for the types that it is given.
-    "kernels/surfaces/spheres.py": {"contact.detection", "contact.penetration", "tick.block", "world.tick"},
+    "kernels/surfaces/spheres.py": {"contact.detection", "contact.contact_points", "tick.block", "world.tick"},
     "kernels/world/progressive.py": set(),
     "metrics/metrics.py": set(),
 }

@@ -86,7 +86,6 @@ def test_a_new_format_is_one_new_file(added: Path, run: Run, tmp_path: Path) -> 
     # What tells a user which formats there are tells of it.
     code, _, err = run("import", str(added), "--format", "jointline")
     assert code == 2 and "unknown format 'jointline': did you mean jointlines?" in err
-    assert "jointlines" in run("import", "--help")[1]
     with pytest.raises(TrajectoryError, match=r"neither text nor a known format; expected one of .*jointlines"):
         read_content(Content(data=b"\x00" * 100), ReadOptions())
 

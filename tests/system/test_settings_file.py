@@ -22,7 +22,15 @@ from hhsim.system.settings_file import (
 
 FINGERS = ("thumb", "index")
 READERS = (
-    *("gate.suite", "gate.gate", "hand.model", "recordings.column_map", "recordings.dexmo_regression"),
+    *(
+        "bench.plan",
+        "bench.paper.table",
+        "gate.suite",
+        "gate.gate",
+        "hand.model",
+        "recordings.column_map",
+        "recordings.dexmo_regression",
+    ),
     *("scene.contact_goals", "scene.described_scene", "scene.body", "scene.script"),
     *("scene.body_file", "sweep.plan", "sweep.repair_manifest"),
 )
