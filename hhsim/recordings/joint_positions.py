@@ -66,7 +66,7 @@ class JointPositions:
     # Distance from the joint to the skin, in the unit of `position`, shape (T, 21). None without any: then the tips are
     # points of the skin, otherwise the centres of the fingertips.
     radius: FloatArray | None = None
-    # What the file says of the joints, shape (T, 21), or of all of them, (T, 1), by its kind; see `stated_validity`.
+    # What the file says of the joints, shape (T, 21), or of all of them, (T, 1), by its kind.
     validity: Mapping[str, FloatArray] = field(default_factory=dict)
     misfit: str = ""  # how far the bones in a stated order of joints are from a hand's; "" if they are a hand's
     # Poses of an object in the coordinates of `position`, one a sample; None without any.

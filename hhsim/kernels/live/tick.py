@@ -98,7 +98,7 @@ class LiveArrays(NamedTuple):
     misses: Any
     notes: Any
     refused: Any  # a glove's unusable sample
-    status: Any  # the session's, of `hhsim.live.ipc.status.LIVE_STATUS`
+    status: Any  # the session's, of `hhsim.live.processes.LIVE_STATUS`
     row: Any  # of the tick
     ticks: Any  # ring of such rows
     ticks_written: Indices

@@ -59,7 +59,7 @@ def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     # As far as the next program may reach, in this tick or in the next.
     needed = max(options.listed, max(state.trust.reach, usual_reach(options, state)))
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
-    # where the step turns out longer, `complete_lists` gathers them.
+    # a step that turns out longer is cut short, and the next program has whole lists.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
     measure_own(options.own, hand, pose, EXACT, state.self_contact)

@@ -70,7 +70,7 @@ HAPTIC_INPUT = np.dtype(
 
 PREDICTION = np.dtype(
     [
-        ("start", HAND_POSE),  # the graphic hand where this tick began; before `begin_motion`, where the last one did
+        ("start", HAND_POSE),  # the graphic hand where this tick began; before that, where the last one did
         ("is_predicted", np.bool_),  # the hand stands where it was predicted, and no step has been accepted from there
         # the last tick converged, and its path was not much longer than that of the tick before
         ("is_steady", np.bool_),
