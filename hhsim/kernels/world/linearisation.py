@@ -288,7 +288,7 @@ def allowed_share(method: World) -> tuple[float, float]:
 
 @jit
 def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[float, float]:
-    """Bring a far target nearer; return the motion of the whole step [m], or `WHOLE_TARGET`, and the share that is left.
+    """Bring a far target nearer; return the motion of the whole step [m], or `WHOLE_TARGET`, and the share left of it.
 
     The motions of hands and bodies are shortened alike: a hand that was short of its motion past the object alone would
     be carried along by it, for no force, and its springs drawn out by nobody. The targets are moved by what is taken
