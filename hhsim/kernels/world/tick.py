@@ -90,8 +90,8 @@ from hhsim.kernels.world.pairs import (
 )
 from hhsim.kernels.world.record import WorldRecord
 
-STILL = 1e-9
-"""Motion of a hand in the last tick [m] up to which the first program of the next one is flat."""
+STILL = 2e-3
+"""Motion of a hand in the last tick, in offsets, up to which the first program of the next one is flat."""
 ON_THE_WAY = 20.0
 """Distance up to which a lagging hand bears on the object, in offsets: its last step has not brought it nearer yet."""
 
@@ -413,7 +413,7 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     """Go from linearisation to linearisation until all have arrived; returns the first hand's status bits."""
     options, progress = method.options, state.progress
     # By flat programs a hand that moves would creep towards where it comes to rest.
-    moves = progress.path > STILL
+    moves = progress.path > STILL * options.offset
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
     ask_bodies(method, TAKE, 0.0)
     begin_tick(options, state)
