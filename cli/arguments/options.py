@@ -165,7 +165,7 @@ class Printing(OptionGroup):
         return not self.as_json and not self.quiet
 
     def show(self, document: Mapping[str, Any], *parts: Table | str) -> None:
-        """As the function `show`; without --json nothing where it is quiet."""
+        """Print what the function `show` prints; without --json nothing where it is quiet."""
         if self.as_json or not self.quiet:
             show(document, *parts, as_json=self.as_json)
 

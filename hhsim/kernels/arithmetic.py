@@ -1,4 +1,6 @@
-"""Fused products and sums in vector lanes, each rounded as the source says: the same bits on every machine.
+"""Arithmetic with the same bits on every machine: products, sums, and elementary functions.
+
+Fused products and sums in vector lanes, each rounded as the source says: the same bits on every machine.
 
 A compiler that may fuse or reorder chooses by the processor. `fused` rounds once everywhere. In `dot`, term i is added
 in lane i modulo `LANES`, and the lanes are added by halves at the end.

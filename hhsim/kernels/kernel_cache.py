@@ -1,4 +1,6 @@
-"""Turns of processes that need one kernel: the first compiles it, others wait and load it.
+"""Cache of compiled kernels: its files, the turns of processes that compile, and kernels that a wheel brings.
+
+Turns of processes that need one kernel: the first compiles it, others wait and load it.
 
 A turn is a lock of one byte of a file in the cache, at a place given by the kernel's file: such locks end with their
 process, and need no file each. Where the system has none, nobody waits.

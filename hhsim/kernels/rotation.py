@@ -1,4 +1,4 @@
-"""Rotations as unit quaternions (w, x, y, z) and rotation vectors.
+"""Rotations: unit quaternions (w, x, y, z), rotation vectors [rad], and the Euler angles of the paper.
 
 The solver moves a pose by a *left* increment: a rotation vector δφ [rad] in the world frame turns orientation q into
 exp(δφ) q. Euler angles, which the paper uses, lock at β = ±90° and weigh the axes unequally.

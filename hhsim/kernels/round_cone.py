@@ -1,4 +1,4 @@
-"""Signed distances in closed form: sphere to sphere, sphere to round cone.
+"""Signed distances of round cones, in closed form: to spheres, and to each other.
 
 A phalanx of the paper (cone frustum, a sphere at each joint, a hemisphere at the tip) is a *round cone*, the hull of
 two spheres with centres a, b and radii r_a >= r_b a length l apart. It is the union of the spheres with centre

@@ -282,7 +282,7 @@ def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Fi
 
 
 class _Palmar(NamedTuple):
-    """What fingers and thumb tell of the palmar side, joints taken for those of each hand in a right-handed world."""
+    """Palmar side by fingers and thumb, joints taken for those of each hand in a right-handed world."""
 
     bend: dict[HandSide, float]  # mean flexion of the joints of index to little finger [rad]
     above: dict[HandSide, float]  # mean height of the thumb above the back of the hand [palm lengths], palmar negative

@@ -40,7 +40,7 @@ MOST_NAMED = 5
 
 
 class Printed(Settings, frozen=True):
-    """What the paper prints for a row, and our own bar."""
+    """Figure of a row as the paper prints it, and our own bar."""
 
     figure: str  # of the paper, or its section
     label: str

@@ -1,9 +1,7 @@
-"""Penetration depth of stored hands at each tick, independent of the solver.
+"""Penetration and contact points of stored hands, measured apart from the solver.
 
-The paper (Section V-D) defines it as the biggest penetration between the graphic finger and the object's spheres in a
+The paper (Section V-D) defines penetration as the biggest one between the graphic finger and the object's spheres in a
 cycle; here the palm counts too. Phalanges are placed by their stored joints.
-
-Contact points of stored hands: pairs of a hand body and a piece of the object's surface, from the poses alone.
 """
 
 import math

@@ -1,4 +1,6 @@
-"""Contact detection: near pairs of a hand body and a piece of the object, and their distances.
+"""Contact detection on any surface, and the addresses by which ticks call it.
+
+Contact detection: near pairs of a hand body and a piece of the object, and their distances.
 
 *Gathering* walks the object's hierarchy for a body with a margin plus a skin and copies what it finds into contiguous
 arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.

@@ -1,4 +1,6 @@
-"""Quadratic program of one linearisation, from contact records and joint limits.
+"""Rows of a quadratic program from contacts and joint limits, and which of them follow from others.
+
+Quadratic program of one linearisation, from contact records and joint limits.
 
 Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the
 paper's Eq. 2,

@@ -1,10 +1,8 @@
-"""Signed distance of the graphic hand to the true mesh.
+"""Signed distances of hands to the true mesh: of shown ones, of fingertips, and of written ones.
 
 A round cone is the union of the balls with centre x(s) on its axis and radius r(s), 0 <= s <= 1, so its signed distance
 to the mesh is the least of f(s) = d(x(s)) - r(s), with d the mesh's signed distance. For a hand not deeper than the
 object's medial axis, -f is the depth of its deepest point; beyond it, what the hand would have to shrink by.
-
-Signed distance of each fingertip of the graphic hand, its distal phalanx, to the true mesh.
 
 Hand that is written to a recording: recorded joints that move with our hand's bones, and balls that fill its bodies.
 

@@ -1,6 +1,6 @@
-"""Micro-triangles: the faces of a mesh cut fine enough to assign each whole to one sphere of a cover.
+"""Proof that spheres cover a mesh, by triangles cut fine enough for one sphere each.
 
-Proof that spheres cover a mesh.
+Micro-triangles: the faces of a mesh cut fine enough to assign each whole to one sphere of a cover.
 
 The proof is a list of codes, face after face. Each face is a binary tree of triangles in preorder. A code j ≥ 0 ends a
 branch: the three corners of that triangle lie in sphere j. A code −1 − k halves it at the middle m of the edge from its

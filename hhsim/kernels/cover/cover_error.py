@@ -1,4 +1,6 @@
-"""Spheres of a cover that move, one at a time, so that less volume of their union lies outside of the mesh.
+"""Volume of a cover outside of its mesh, and sampled distances between both.
+
+Spheres of a cover that move, one at a time, so that less volume of their union lies outside of the mesh.
 
 A sphere has to contain the micro-triangles that are in no other one; it may have any centre from which it reaches
 them and protrudes no more than is allowed. Its volume outside that no other sphere has is counted at points of a grid.

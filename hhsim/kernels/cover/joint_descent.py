@@ -1,4 +1,6 @@
-"""Few spheres that move together, from any start to where their largest cost at points of a surface is least.
+"""Descent of few spheres together, and the places of a surface where they protrude most.
+
+Few spheres that move together, from any start to where their largest cost at points of a surface is least.
 
 The cost of a point under a sphere is (its distance from the centre c) − depth(c), and each point counts under its best
 sphere. A descent of one sphere after another, each with the points that it has, is stuck where two of them would have

@@ -1,4 +1,4 @@
-"""Spheres inside a mesh: depth of a centre, largest sphere that touches a point, sphere to cover a micro-triangle.
+"""Spheres inside a mesh: how deep a centre lies, and the descent to where a sphere protrudes least.
 
 Descent of spheres, each to where the micro-triangles that it has to cover cost it less.
 

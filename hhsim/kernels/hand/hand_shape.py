@@ -1,4 +1,4 @@
-"""Sizes of a hand of which positions are stored, and its bodies as round cones.
+"""Shapes of stored hands: round cones, the cone frustums of the paper, and the distance of two hands.
 
 Distance of a sphere to a cone frustum as in the paper's Eq. 4 to 7 and 10.
 
@@ -10,8 +10,6 @@ With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / 
 
 u from the thick end to the thin one. D is the thick bottom and E the thin one: with C the foot of a sphere's centre O
 on the axis, k = CE / DE (Eq. 6) is 0 at E and 1 at D. Here `along` is k |DE|, so that (r₁ - r₂) k = along tan φ.
-
-Distance between two hands of which positions are stored: spheres of the palms, round cones of the phalanges.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A hand configuration together with its kinematics.
+"""Configuration of a hand with its kinematics, and changes from one configuration to another.
 
 State that lives from tick to tick is one structured array: a kernel gets a single pointer, where a NamedTuple would
 pass every array in it on every call.

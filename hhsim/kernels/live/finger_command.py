@@ -1,4 +1,6 @@
-"""Reasons why the fingers must be free, judged anew in every tick.
+"""Command of the fingers in a live loop, and the reasons for which they must be free.
+
+Reasons why the fingers must be free, judged anew in every tick.
 
 Command of the fingers from the graphic hand, updated in place each tick.
 

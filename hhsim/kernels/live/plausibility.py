@@ -1,4 +1,6 @@
-"""Notes of a loop in compiled code, as numbers of which Python makes lines of text later.
+"""Plausibility of samples of a glove, and the notes that a compiled loop leaves.
+
+Notes of a loop in compiled code, as numbers of which Python makes lines of text later.
 
 Plausibility of a glove's samples, judged before a finger is pushed on: jumps, and stuck sensors.
 

@@ -1,4 +1,6 @@
-"""Generalized winding number of a surface, closed or not.
+"""Bounding-volume hierarchy of a mesh: closest points, signed distances and winding numbers.
+
+Generalized winding number of a surface, closed or not.
 
 It is the signed solid angle of all triangles over 4π (Jacobson, Kavan, Sorkine-Hornung 2013, "Robust inside-outside
 segmentation using generalized winding numbers"): 1 inside and 0 outside a closed surface, in between near a hole, 2 or

@@ -1,4 +1,6 @@
-"""Signed distances of a round cone to vertices, edges and faces of a mesh, in closed form.
+"""Distances of a round cone to features of a mesh, and how often closed triangles wind around a point.
+
+Signed distances of a round cone to vertices, edges and faces of a mesh, in closed form.
 
 A round cone is the union of the spheres with centre x(s) on its axis and radius r(s) = r_a - k s, 0 <= s <= l, here
 with s in metres. Its distance to a convex piece of the mesh is convex in s, so that there is one minimum.

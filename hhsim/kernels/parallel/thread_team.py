@@ -1,12 +1,15 @@
-"""Atomic operations on elements of aligned int64 arrays, as numpy's own are.
+"""Threads that share the work of one tick, and the atomic operations that they need.
+
+Atomic operations on elements of aligned int64 arrays, as numpy's own are.
 
 Values written before `store_release` or `fetch_add` are seen by a thread that has read the new value by `load_acquire`,
 `fetch_add` or `compare_exchange`. With the compiler disabled these are plain reads and writes, for one thread.
 
 Threads that share the programs of the five fingers in one tick.
 
-The tick's own thread posts a task of a few items. It and its helpers, which wait in `kernels.tick.progressive.help_out`
-for as long as a block of ticks lasts, take one item after another until none is left. A tick takes some ten
+The tick's own thread posts a task of a few items. It and its helpers, which wait in
+`kernels.world.progressive.help_out` for as long as a block of ticks lasts, take one item after another until none is
+left. A tick takes some ten
 microseconds, so the helpers do not sleep but poll one word of memory: a task costs half a microsecond more than its
 longest item.
 

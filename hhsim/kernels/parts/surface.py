@@ -1,4 +1,6 @@
-"""Ways out of a part that has moved over the axis of a phalanx, or over the centre of a sphere of the palm.
+"""Surface of parts that move as recorded, and the ways by which a hand leaves them.
+
+Ways out of a part that has moved over the axis of a phalanx, or over the centre of a sphere of the palm.
 
 From inside, the distances to a part's features have the wrong side. Of each body with such a point the part then has
 one plane instead: that of the nearest feature of one of these points, the one that the body is least deep below. Of a

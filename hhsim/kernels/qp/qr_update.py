@@ -1,4 +1,6 @@
-"""Small dense symmetric positive definite systems, A x = b by A = Uᵀ U.
+"""Factors of small matrices: Cholesky, and orthogonal ones that are updated row by row.
+
+Small dense symmetric positive definite systems, A x = b by A = Uᵀ U.
 
 Row-oriented and right-looking: every inner loop runs along a contiguous row, so that it uses the vector unit in strict
 arithmetic, and the sums are taken in the same order on every machine.

@@ -1,8 +1,8 @@
-"""Dispatch by method: a method is the type of its options, and its tick is declared for that type.
+"""Blocks of ticks, many in one compiled call, of a method that the type of its options names.
+
+Dispatch by method: a method is the type of its options, and its tick is declared for that type.
 
 `coupled` and `progressive` are ticks of hands and bodies, `kernels.world.tick`.
-
-Blocks of ticks: many in one compiled call, each of them timed and recorded.
 """
 
 from typing import Any, NamedTuple

@@ -1,9 +1,4 @@
-"""True distances at a pose, as far as the next program may need them, and the work that they take.
-
-Input of a tick: the haptic hand.
-
-Joints, contacts and coupling wrench of a shown hand that was not solved for here.
-"""
+"""Input of a tick, true distances at a pose, and what is known of a hand that was shown by others."""
 
 import math
 

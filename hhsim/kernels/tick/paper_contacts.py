@@ -1,4 +1,6 @@
-"""Method `paper`: which pairs of the graphic hand and the object are in contact (Eq. 3 to 7, 13), walking both trees.
+"""Contacts of method `paper`: which pairs meet as both trees are walked, and their constraints.
+
+Method `paper`: which pairs of the graphic hand and the object are in contact (Eq. 3 to 7, 13), walking both trees.
 
 Every part of the graphic hand is grown by Δr first (the paper's contact constraint prediction, Section IV-B2), so that
 the pairs found bound a step before they touch. Growing a part by Δr is the same as growing the object's spheres.

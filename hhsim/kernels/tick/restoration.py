@@ -1,4 +1,6 @@
-"""Restoration after steps that end inside the object and programs without a solution.
+"""Restoration after a step that ends inside, and prediction of the pose that a tick begins with.
+
+Restoration after steps that end inside the object and programs without a solution.
 
 Prediction of the pose that a tick begins with: the last one, moved on as in the last tick.
 

@@ -1,7 +1,4 @@
-"""Step that a method proposes, and the contacts that carry force.
-
-Length of a step: the share that the known pairs allow, or a step to a nearer target.
-"""
+"""Step of a program: the contacts that bear it, and the share of it that the known pairs allow."""
 
 import numpy as np
 

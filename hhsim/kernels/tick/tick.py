@@ -1,4 +1,6 @@
-"""Suspension of decoupling: palm and fingers share one program where apart they make no progress.
+"""Stages of a tick: its beginning, a linearisation, an accepted step, its status, and when decoupling is suspended.
+
+Suspension of decoupling: palm and fingers share one program where apart they make no progress.
 
 A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
 The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not

@@ -1,4 +1,6 @@
-"""Directions of friction of the contacts of a program: against load and slip, by the least friction that suffices.
+"""Friction of a program: its directions at each contact, and the slip that it is balanced against.
+
+Directions of friction of the contacts of a program: against load and slip, by the least friction that suffices.
 
 Slip of each contact: Newton's method for the Γ of de Saxcé's correction.
 

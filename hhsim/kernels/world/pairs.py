@@ -1,4 +1,6 @@
-"""Pairs of the world: what moves past which body, where both are, and how near.
+"""Pairs of a world: arguments of its ticks, stages called by address, and bounds of the shown hands.
+
+Pairs of the world: what moves past which body, where both are, and how near.
 
 A hand is kept as each body sees it, and so is each body as another one sees it: as a palm without fingers, of spheres
 or points (`kernels.world.columns` says what a pair is).
