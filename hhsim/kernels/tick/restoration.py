@@ -1,8 +1,6 @@
 """Restoration after a step that ends inside, and prediction of the pose that a tick begins with.
 
-Restoration after steps that end inside the object and programs without a solution.
-
-Prediction of the pose that a tick begins with: the last one, moved on as in the last tick.
+The prediction is the last pose, moved on as in the last tick.
 
 A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
 there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from
@@ -119,7 +117,7 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
 
 @jit_noinline
 def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
-    """Move a hand in contact on as the last tick moved it, and as the user's hand slows down."""
+    """Move a hand in contact on as the last tick moved it, no farther than the tick's bound, as the user's slows down."""
     prediction, sample, progress = state.prediction, state.input, state.progress
     reach = min(state.trust.reach, state.trust.radius)
     share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0
@@ -131,7 +129,7 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     if not foreseeable:
         return
     fraction, longest = allowed_fraction(hand, options, state)
-    if fraction < 1.0 or not options.step_tolerance < longest <= reach:
+    if fraction < 1.0 or not options.step_tolerance < longest <= min(reach, progress.bound):
         return
     prediction.is_predicted = True
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)
