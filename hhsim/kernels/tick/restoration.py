@@ -117,7 +117,7 @@ def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
 
 @jit_noinline
 def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
-    """Move a hand in contact on as the last tick moved it, no farther than the tick's bound, as the user's slows down."""
+    """Move a hand in contact on as the last tick did and the user's slows down, within the bound of the tick."""
     prediction, sample, progress = state.prediction, state.input, state.progress
     reach = min(state.trust.reach, state.trust.radius)
     share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0
