@@ -33,11 +33,11 @@ def command(
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import examine
+    from hhsim.live.doctor import Diagnosis, measure_wakeups
     from hhsim.live.real_time import RealTimeWishes, described
 
     wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
-    diagnosis = examine(rate, duration, wishes)
+    diagnosis = Diagnosis(measure_wakeups(rate, duration, wishes))
     title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
     headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
     printing.show(

@@ -1,16 +1,11 @@
 """Verdict on whether this machine keeps a loop's rate, and who takes the time if not: `hhsim doctor`.
 
-Measured wake-ups of a thread that only waits, as a session's loop does, decide alone, by the limits below; the settings
-of the system only suggest what to change.
+Measured wake-ups of a thread that only waits, as a session's loop does, decide, by the limits below.
 """
 
-import os
-import platform
-import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,16 +37,6 @@ NOBODY_ADVICE = (
     "no account says who had the processor when the thread was woken late: in a virtual machine most often a host that "
     "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
 )
-
-ADVICE = {
-    "kernel": "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases",
-    "processors that may be used": "with one processor the loop shares it with everything else: give it two",
-    "processors set aside": "isolcpus={last} on the kernel's command line, and --cpu {last}",
-    "frequency governor": "cpupower frequency-set -g performance: a clock that has to be raised first wakes late",
-    "container's quota": "no quota of CPU time (cpu.max): where it is used up, everything stops until the next period",
-    "virtual machine": "a machine of one's own: no setting in here keeps the host from taking the processor",
-}
-"""What to change of each setting of the system."""
 
 
 @dataclass(frozen=True)
@@ -143,13 +128,12 @@ def _deadlines(period: int) -> Any:
 
 @dataclass(frozen=True)
 class Row:
-    """Row of the doctor's table: a figure, with a limit if it decides, or a setting of the system with its `advice`."""
+    """Row of the doctor's table: a figure, with a limit if it decides."""
 
     name: str
     value: float | str
     limit: float | None = None
     unit: str = ""
-    advice: str = ""  # change of the system that may help; "" for none
 
     @property
     def kept(self) -> bool:
@@ -165,10 +149,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Measured wake-ups, the settings of the system, and what follows from both."""
+    """Measured wake-ups, and what follows from them."""
 
     wakeups: Wakeups
-    settings: list[Row]
 
     @property
     def rows(self) -> list[Row]:
@@ -183,7 +166,6 @@ class Diagnosis:
             *(Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD),
             *(Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count),
             *(Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts),
-            *self.settings,
         ]
 
     @property
@@ -220,7 +202,7 @@ class Diagnosis:
             overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
             # Half of it: a run delay that explains less is not the reason.
             found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
-        return [*found, *wakeups.mode["refused"], *(row.advice for row in self.settings if row.advice)]
+        return [*found, *wakeups.mode["refused"]]
 
     def to_json(self) -> dict[str, Any]:
         """Return all of it as plain values: the rows as in the table, other times in SI units."""
@@ -236,46 +218,10 @@ class Diagnosis:
         }
 
 
-def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:
-    """Measure wake-ups for `seconds` at `rate` [Hz] with the requests of a loop, and read the system's settings."""
-    return Diagnosis(measure_wakeups(rate, seconds, wishes), system_settings())
-
-
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
     """Check for `QUICK_SECONDS` whether the machine keeps `rate` [Hz] now; returns a warning, "" if it does.
 
     Memory is not locked: that would take longer than the check.
     """
-    diagnosis = Diagnosis(measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False)), [])
+    diagnosis = Diagnosis(measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False)))
     return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
-
-
-def system_settings(root: Path = Path("/")) -> list[Row]:
-    """Return settings of kernel, processors, governor, host and container; `root` is the folder of /proc and /sys."""
-
-    def text(name: str) -> str:
-        try:
-            return (root / name).read_text(encoding="utf-8", errors="replace").strip()
-        except OSError:
-            return NOT_TOLD
-
-    allowed, cpus = sorted(os.sched_getaffinity(0)), "sys/devices/system/cpu"
-    alone, isolated = len(allowed) == 1, text(f"{cpus}/isolated")
-    is_real_time = text("sys/kernel/realtime") == "1" or "PREEMPT_RT" in platform.version()
-    governors = sorted({text(f"{cpus}/cpu{number}/cpufreq/scaling_governor") for number in allowed} - {NOT_TOLD})
-    flags, quota = text("proc/cpuinfo"), re.fullmatch(r"(\d+) (\d+)", text("sys/fs/cgroup/cpu.max"))
-    virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
-    # Of each: its value, and whether it should be changed.
-    found: dict[str, tuple[str, bool]] = {
-        "kernel": (f"{platform.release()}, {'' if is_real_time else 'no '}PREEMPT_RT", not is_real_time),
-        "processors that may be used": (", ".join(map(str, allowed)), alone),
-        "processors set aside": (isolated or "none", not (isolated or alone)),
-        "frequency governor": (", ".join(governors) or NOT_TOLD, bool(set(governors) - {"performance"})),
-        "container's quota": (
-            f"{1e-3 * int(quota[1]):g} ms in {1e-3 * int(quota[2]):g} ms" if quota else "none, or not told",
-            quota is not None,
-        ),
-        "virtual machine": (NOT_TOLD if flags == NOT_TOLD else "yes" if virtual else "no", virtual),
-    }
-    told = {"user": os.environ.get("USER") or os.getuid(), "last": allowed[-1]}
-    return [Row(name, value, advice=ADVICE[name].format(**told) if bad else "") for name, (value, bad) in found.items()]

@@ -65,8 +65,7 @@ class DexmoOptions(ReachedOptions):
     """Settings of a Dexmo at its vendor's server; "" is the default calibration."""
 
     port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
-    calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
-    profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
+    calibration: str = setting("", "Calibration of the glove, a TOML file (docs/live.md has an example)", "FILE")
     device_id: int | None = setting(
         None, "The glove's number at its server. Default: the hand's first", "ID", least=0, most=2**31 - 1
     )
