@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
-from hhsim.errors import UnknownNameError, check_known
+from hhsim.errors import check_known
 from hhsim.ranges import RANGES
 from hhsim.solver.method import METHODS
 from hhsim.solver.surface import SURFACES
@@ -98,16 +98,6 @@ class Sampling(OptionGroup, heading="Motion"):
     )
 
 
-def read_method(value: str) -> str:
-    """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
-    if value not in METHODS and ":" not in value:
-        from hhsim.solver.method import method_names
-
-        if value not in method_names():
-            raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
-    return value
-
-
 def read_fingers(value: str) -> tuple[str, ...]:
     """Read names of fingers with commas between; they come back in the hand's order."""
     from hhsim.hand.fingers import FINGERS
@@ -124,7 +114,7 @@ TRUST = option("Import and run the code of a method that RESULT names as package
 class SolverChoice(OptionGroup, heading="Solver"):
     """Method, surface and limits of the solver."""
 
-    method: Annotated[str, read_method] = option(
+    method: str = option(
         f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).",
         f"[{'|'.join(METHODS.names())}|NAME]",
         default="coupled",

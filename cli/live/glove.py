@@ -13,7 +13,7 @@ from hhsim.solver.method import METHODS
 
 from ..arguments import object_options, options, scene_options
 from ..arguments.command import Number, OptionGroup, make_command, option
-from ..console import print_json, print_notes, progress
+from ..console import print_error, print_json, print_notes, progress
 from .glove_settings import GloveChoice, own_options
 from .session import run_session
 from .summary import print_summary, session_json
@@ -307,14 +307,14 @@ def command(
     warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"
-    outcome, error = run_session(setup, heading, quiet=session.quiet)
+    outcome = run_session(setup, heading, quiet=session.quiet)
     if session.as_json:
-        print_json(session_json(outcome, error))
+        print_json(session_json(outcome))
     elif not session.quiet:
         for of_hand in outcome.hands:
             if of_hand.ticks:
                 whose = f"{of_hand.side} hand, " if two else ""
                 print_summary(of_hand, f"{whose}{heading}: {of_hand.seconds:,.1f} s, {of_hand.reason}")
-    if error:
-        print(f"hhsim: error: {error}", file=sys.stderr)
-    return 2 if error else int(bool(outcome.fault_at_end))
+    if outcome.error:
+        print_error(f"hhsim: error: {outcome.error}")
+    return 2 if outcome.error else int(bool(outcome.fault_at_end))
