@@ -33,18 +33,16 @@ def command(
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import Diagnosis, measure_wakeups
+    from hhsim.live.doctor import measure_wakeups
     from hhsim.live.real_time import RealTimeWishes, described
 
-    wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
-    diagnosis = Diagnosis(measure_wakeups(rate, duration, wishes))
-    title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
-    headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
+    found = measure_wakeups(rate, duration, RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu))
+    headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in found.rows]
     printing.show(
-        diagnosis.to_json(),
-        Table.of_cells(headings, cells, title, numbers=headings[1:3]),
-        f"granted: {described(diagnosis.wakeups.mode)}",
-        diagnosis.verdict,
-        *(f"  - {advice}" for advice in diagnosis.advice),
+        found.to_json(),
+        Table.of_cells(headings, cells, f"{found.periods:,} periods at {rate:,g} Hz", numbers=headings[1:3]),
+        f"granted: {described(found.mode)}",
+        found.verdict,
+        *(f"  - {advice}" for advice in found.advice),
     )
-    return 0 if diagnosis.good else 1
+    return 0 if found.good else 1
