@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
-from hhsim.errors import check_known
+from hhsim.errors import UnknownNameError, check_known
 from hhsim.ranges import RANGES
-from hhsim.solver.method import METHODS
+from hhsim.solver.method import METHODS, method_names
 from hhsim.solver.surface import SURFACES
 
 from .command import Number, OptionGroup, argument, option
@@ -98,6 +98,13 @@ class Sampling(OptionGroup, heading="Motion"):
     )
 
 
+def read_method(value: str) -> str:
+    """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
+    if ":" not in value and value not in method_names():
+        raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
+    return value
+
+
 def read_fingers(value: str) -> tuple[str, ...]:
     """Read names of fingers with commas between; they come back in the hand's order."""
     from hhsim.hand.fingers import FINGERS
@@ -114,7 +121,7 @@ TRUST = option("Import and run the code of a method that RESULT names as package
 class SolverChoice(OptionGroup, heading="Solver"):
     """Method, surface and limits of the solver."""
 
-    method: str = option(
+    method: Annotated[str, read_method] = option(
         f"{OWN_METHODS}; or a method from outside, such as package.module:Class (hhsim methods).",
         f"[{'|'.join(METHODS.names())}|NAME]",
         default="coupled",

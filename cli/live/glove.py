@@ -120,20 +120,19 @@ class HandChoice(OptionGroup, heading="Hand"):
         ):
             if wrong:
                 raise click.UsageError(message)
-        motion = self._motion(self.trajectory or usual_motion, two=glove.two) if plays else None
+        motion: Motion | None = None
+        if plays:
+            from hhsim.scene.described_scene import motion_of_side
+            from hhsim.scene.script import Script
+
+            # For one of two gloves its hand's, where a file holds both.
+            motion = motion_of_side(self.trajectory or usual_motion, (self.side or "right") if glove.two else "")
+            motion = motion.of_two() if glove.two and isinstance(motion, Script) else motion
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
         x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
         config = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
         return configure(device, hand=side, seed=seed, **settings), config, motion
-
-    def _motion(self, word: str, *, two: bool) -> "Motion":
-        """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
-        from hhsim.scene.described_scene import motion_of_side
-        from hhsim.scene.script import Script
-
-        motion = motion_of_side(word, (self.side or "right") if two else "")
-        return motion.of_two() if two and isinstance(motion, Script) else motion
 
 
 class Feedback(OptionGroup, heading="Forces"):

@@ -5,6 +5,7 @@ Measured wake-ups of a thread that only waits, as a session's loop does, decide,
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -12,8 +13,8 @@ import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.kernels.live.deadlines import DEADLINES, PASSED, wait_periods
+from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.real_time import RealTimeWishes, become_real_time, processors_awake, unlock_memory
-from hhsim.system.cpu_accounts import CpuAccounts
 
 BLOCK_SECONDS = 0.05
 """Time that compiled code waits by itself [s]: Ctrl-C ends a measurement between two blocks."""
@@ -149,15 +150,16 @@ def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wake
     stopping = threading.Event()
 
     def measure() -> Wakeups:
-        # The first call compiles or loads the kernel, which is not waiting.
+        # The first calls compile or load the kernels, which is not waiting.
         wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
+        with closing(CpuAccounts(None)) as first:
+            first.totals()
         mode = become_real_time(replace(wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
         try:
-            with processors_awake(wishes, mode):
+            with closing(accounts), processors_awake(wishes, mode):
                 return _wait(rate, seconds, stopping, accounts, mode)
         finally:
-            accounts.close()
             if mode["memory_locked"]:
                 unlock_memory()
 
@@ -175,7 +177,7 @@ def _wait(
     count = max(1, round(seconds * rate))
     block, deadlines = np.zeros(max(1, round(BLOCK_SECONDS * rate)), np.int64), _deadlines(period)
     late, missed, streak = [], 0, 0
-    first = accounts.run_delay_ns(), accounts.steal_ns()
+    first = accounts.totals()
     while count > 0 and not stopping.is_set():
         waits = block[:count]
         missed += int(wait_periods(deadlines, waits))
@@ -184,8 +186,8 @@ def _wait(
         in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
         streak = max(streak, in_a_row, int(late[-1].max(initial=0)) // period)
         count -= len(waits)
-    last = accounts.run_delay_ns(), accounts.steal_ns()
-    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, last, strict=True))
+    pairs = zip(first, accounts.totals(), strict=True)
+    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in pairs)
     return Wakeups(rate, np.concatenate(late), missed, streak, run_delay, stolen, mode)
 
 

@@ -102,17 +102,13 @@ def test_the_caller_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Accounts:
-    """Readings as they are scripted: of the run delay and of the steal, before and after."""
+    """Readings as they are scripted, before and after: of the run delay and of the steal."""
 
     def __init__(self, readings: list[tuple[int, int]]) -> None:
         self.readings = iter(readings)
 
-    def run_delay_ns(self) -> int:
-        delay, self.steal = next(self.readings)
-        return delay
-
-    def steal_ns(self) -> int:
-        return self.steal
+    def totals(self) -> tuple[int, int]:
+        return next(self.readings)
 
     def close(self) -> None:
         pass

@@ -1,72 +1,43 @@
-"""Calibration of a live glove: our TOML (`hhsim.recordings.dexmo_regression`), or the default."""
+"""Calibration of a live glove: a `DexmoRegression` of our TOML, or the default, and what its numbers are good for."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.live.drivers.dexmo import CHANNELS
 from hhsim.live.gloves import DexmoOptions
-from hhsim.recordings.dexmo_regression import BEND, LEAST_SPAN, DexmoRegression, read_calibration
+from hhsim.recordings.dexmo_regression import BEND, CHANNELS, LEAST_SPAN, DexmoRegression, read_calibration
 
 MOST_NORMALISED = 1.5
 """Larger channels are raw counts."""
 MOST_COUNT = 4095.0
 """Largest count of a 12-bit sensor."""
 BENDS = list(BEND)
-FAR = (-0.5, 1.5)
+LEAST, MOST = -0.5, 1.5
 """Range of the normalised bends of a hand; splits are clipped to it."""
 
 
-@dataclass(frozen=True, eq=False)
-class GloveCalibration:
-    """Calibration of a live glove."""
+def glove_calibration(options: DexmoOptions, hand: str) -> DexmoRegression:
+    """Return the calibration that a glove's settings name, or the default; either hand has the same channels.
 
-    regression: DexmoRegression  # from the channels that the glove sends to joint angles
-    doubtful: tuple[str, ...] = ()  # messages about channels of too small a span
-    kept_free: tuple[int, ...] = ()  # numbers of the fingers whose bend has too small a span to push on
-
-    @property
-    def in_counts(self) -> bool:
-        """True if the calibrated range of the regression is in raw counts."""
-        return bool(np.abs(self.regression.closed - self.regression.open).max() > MOST_NORMALISED)
-
-    def bend_lines(self) -> tuple[FloatArray, FloatArray]:
-        """See `DexmoRegression.bend_lines`."""
-        return self.regression.bend_lines()
-
-    def bend_ends(self) -> tuple[FloatArray, FloatArray]:
-        """Return the readings of the bends in the flat hand and in the fist, each of shape (5,)."""
-        return self.regression.open[BENDS], self.regression.closed[BENDS]
-
-    def angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Return flexion (5, 3) and abduction (5,) [rad] of finite readings (11,); None beyond a hand's range.
-
-        So are numbers from 0 to 1 where the calibration is for counts, and counts where it is not.
-        """
-        normalised = self.regression.normalised(readings)
-        least, most = FAR
-        if not all(least <= bend <= most for bend in normalised[BENDS].tolist()):
-            return None
-        if self.in_counts and np.abs(readings).max() <= MOST_NORMALISED:
-            return None
-        angles = self.regression.slope @ np.minimum(np.maximum(normalised, least), most) + self.regression.offset
-        return angles[:15].reshape(5, 3), angles[15:]
-
-
-def glove_calibration(options: DexmoOptions, hand: str) -> GloveCalibration:
-    """Read the calibration that a glove's settings name, or return the default; either hand has the same channels.
-
-    Doubtful are channels of too narrow a range of counts, or one beyond the sensor's. InputError for a file that is
-    unreadable or malformed.
+    InputError for a file that is unreadable or malformed.
     """
-    if not options.calibration:
-        return GloveCalibration(DexmoRegression.default())
-    found = GloveCalibration(read_calibration(Path(options.calibration)))
-    if not found.in_counts:
-        return found
-    low, high = found.regression.open, found.regression.closed
+    return read_calibration(Path(options.calibration)) if options.calibration else DexmoRegression.default()
+
+
+def in_counts(calibration: DexmoRegression) -> bool:
+    """Return True if the calibrated range is in raw counts."""
+    return bool(np.abs(calibration.closed - calibration.open).max() > MOST_NORMALISED)
+
+
+def doubtful_channels(calibration: DexmoRegression) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Return messages about channels of counts with too small a range, or one beyond the sensor's.
+
+    Returned besides are the numbers of the fingers whose bend has too small a range to push on.
+    """
+    if not in_counts(calibration):
+        return (), ()
+    low, high = calibration.open, calibration.closed
     span = np.abs(high - low)
     doubtful = [
         f"{name} spans {count:.0f} counts of {MOST_COUNT:.0f}: it says little"
@@ -76,5 +47,18 @@ def glove_calibration(options: DexmoOptions, hand: str) -> GloveCalibration:
     beyond = [name for name, a, b in zip(CHANNELS, low, high) if min(a, b) < 0.0 or max(a, b) > MOST_COUNT]
     if beyond:
         doubtful.append(f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}")
-    kept_free = tuple(finger for finger, k in enumerate(BEND) if span[k] < LEAST_SPAN)
-    return GloveCalibration(found.regression, tuple(doubtful), kept_free)
+    return tuple(doubtful), tuple(finger for finger, k in enumerate(BEND) if span[k] < LEAST_SPAN)
+
+
+def hand_angles(calibration: DexmoRegression, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return flexion (5, 3) and abduction (5,) [rad] of finite readings (11,); None beyond a hand's range.
+
+    So are numbers from 0 to 1 where the calibration is for counts, and counts where it is not.
+    """
+    normalised = calibration.normalised(readings)
+    if not all(LEAST <= bend <= MOST for bend in normalised[BENDS].tolist()):
+        return None
+    if in_counts(calibration) and np.abs(readings).max() <= MOST_NORMALISED:
+        return None
+    angles = calibration.slope @ np.minimum(np.maximum(normalised, LEAST), MOST) + calibration.offset
+    return angles[:15].reshape(5, 3), angles[15:]
