@@ -4,7 +4,7 @@ from typing import Annotated
 
 import click
 
-from hhsim.table.table import Table
+from hhsim.table.table import Table, number, words
 
 from .arguments.command import Number, make_command, option
 from .arguments.options import Printing
@@ -37,10 +37,10 @@ def command(
     from hhsim.live.real_time import RealTimeWishes, described
 
     found = measure_wakeups(rate, duration, RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu))
-    headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in found.rows]
+    columns = words("measured", "name"), number("hhsim", "value"), number("limit", missing=""), words("unit")
     printing.show(
         found.to_json(),
-        Table.of_cells(headings, cells, f"{found.periods:,} periods at {rate:,g} Hz", numbers=headings[1:3]),
+        Table(columns, found.rows, f"{found.periods:,} periods at {rate:,g} Hz"),
         f"granted: {described(found.mode)}",
         found.verdict,
         *(f"  - {advice}" for advice in found.advice),

@@ -53,12 +53,6 @@ class Row:
         """True if there is no limit, or it is kept."""
         return self.limit is None or float(self.value) <= self.limit
 
-    @property
-    def cells(self) -> tuple[str, str, str, str]:
-        """Name, value, limit and unit as text."""
-        value = self.value if isinstance(self.value, str) else f"{self.value:,.0f}"
-        return self.name, value, "" if self.limit is None else f"{self.limit:,.0f}", self.unit
-
 
 @dataclass(frozen=True)
 class Wakeups:
