@@ -48,21 +48,13 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         "Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.", "N"
     )
 
-    def options(self, usual_level: int, seed: int) -> "TreeOptions":
-        """Return the options for the library; the usual level where nothing else says how fine the tree is."""
+    def options(self, seed: int, *, level: int | None = None, leaves: int | None = None) -> "TreeOptions":
+        """Return the options for the library; the `level` or the `leaves` where nothing says how fine the tree is."""
         from hhsim.trees.options import TreeOptions
 
-        named = (self.level, self.leaves, self.max_error) != (None, None, None)
-        level = self.level if named else usual_level
-        return TreeOptions(level, self.branching, self.leaves, seed, self.cover, self.max_error, self.minimise)
-
-    def of_links(self, seed: int) -> "TreeOptions":
-        """Return the options of each link of a robot."""
-        from hhsim.trees.options import TreeOptions
-
-        named = (self.level, self.leaves, self.max_error) != (None, None, None)
-        leaves = self.leaves if named else USUAL_LEAVES
-        return TreeOptions(self.level, self.branching, leaves, seed, self.cover, self.max_error)
+        if (self.level, self.leaves, self.max_error) != (None, None, None):
+            level, leaves = self.level, self.leaves
+        return TreeOptions(level, self.branching, leaves, seed, self.cover, self.max_error, self.minimise)
 
 
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):
@@ -76,13 +68,6 @@ class TreeSource(OptionGroup, heading="Sphere tree of a file"):
     from_unit: Unit | None = option(
         "Length unit of the .sph file. Default: that of the mesh file; m for an object of the catalogue."
     )
-
-    @property
-    def holds_links(self) -> bool:
-        """True for a file that has spheres of links by their names."""
-        from hhsim.robots.formats import format_of
-
-        return self.path is not None and format_of(self.path) not in ("", "h5")
 
     def check(self) -> None:
         """Raise UsageError for options of `--from` without it, and for options of a build beside it."""
@@ -140,6 +125,7 @@ def command(
     from hhsim.linkage.file import names_a_linkage
     from hhsim.mesh.mesh import METRES_PER_UNIT
     from hhsim.render.spheres_figure import draw_tree
+    from hhsim.robots.formats import format_of
     from hhsim.system.output_path import check_output_path, check_picture
     from hhsim.system.thread_pool import usual_threads
     from hhsim.trees.cache import cache_path, kept_sphere_tree
@@ -154,7 +140,7 @@ def command(
         if given:
             message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
             raise click.UsageError(message)
-        options = build.of_links(seed) if source.path is None else None
+        options = build.options(seed, leaves=USUAL_LEAVES)
         threads = build.threads or usual_threads()
         robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)
         return
@@ -163,7 +149,7 @@ def command(
     with progress(quiet=output.quiet) as report:
         report("read", 0, 1)
         mesh, usual_level = mesh_file.read(object_, of_object)
-        options = build.options(usual_level, seed)
+        options = build.options(seed, level=usual_level)
         fineness = f"{1e6 * build.max_error:.0f}um" if build.max_error else options.leaves or options.level
         path = output.path(f"{mesh.name}-tree-{source.path.stem if source.path else fineness}")
         if path.suffix not in (".h5", ".sph"):
@@ -178,7 +164,7 @@ def command(
             tree = kept_sphere_tree(mesh, options, report, build.threads or usual_threads())
         else:
             unit = METRES_PER_UNIT[source.from_unit] if source.from_unit else mesh_file.unit_length(object_)
-            if source.holds_links or (link and not of_object):
+            if format_of(source.path) not in ("", "h5") or (link and not of_object):
                 found = import_spheres(source.path, mesh, link, seed)
             else:
                 found = import_tree(source.path, mesh, unit, seed, report)

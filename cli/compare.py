@@ -7,8 +7,7 @@ from typing import Literal
 from hhsim.table.table import Table
 
 from .arguments.command import argument, make_command, option
-from .arguments.options import JSON
-from .console import print_json, print_line, print_table
+from .arguments.options import JSON, Part, show
 
 
 @make_command
@@ -52,42 +51,42 @@ def command(
     either = {row.name for table in tables for row in whole_table(table)}
     shared = [row for row in tables[1] if row.name in ours and row.name in either]
     rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
-    if as_json:
-        print_json(
-            {
-                "base": str(base),
-                "head": str(head),
-                "verdicts": [each.word for each in verdicts],
-                "comparable": found.comparable,
-                **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
-                "figures": {
-                    one.name: {"base": one.value, "head": other.value, "ratio": its.ratio, "word": its.word or None}
-                    for one, other, its in rows
-                },
-            }
-        )
-        return
+    parts: list[Part] = []
     for letter, path, each, whose in zip("AB", (base, head), verdicts, found_tables):
-        print_line(f"{letter}: {path}: {each.line}")
+        parts.append(f"{letter}: {path}: {each.line}")
         if whose.misstated:
-            print_line(f"{letter}: {whose.misstated}")
-    print_line(found.sentence())
+            parts.append(f"{letter}: {whose.misstated}")
+    parts.append(found.sentence())
     for letter, result, table in zip("AB", results, tables):
         if result.repeated:
             kept = {row.name for row in short_table(table)}
             stored = [one for one in stored_times(result.repeated, table) if whole or one.row.name in kept]
             times = "; ".join(f"{one.row.label} {one.shown} {one.row.unit}" for one in stored)
-            print_line(f"times of {letter}, mean ± σ of {result.repeated['runs']} runs: {times}")
+            parts.append(f"times of {letter}, mean ± σ of {result.repeated['runs']} runs: {times}")
     for what, differences in (("run otherwise", found.how), ("around it", found.around)):
         if differences:
-            print_line(f"{what}: {'; '.join(differences)}")
-    print()
-    if not whole:
-        kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
-        rows = [row for row in rows if row[1].name in kept]
+            parts.append(f"{what}: {'; '.join(differences)}")
+    kept = {row.name for table, each in zip(tables, verdicts) for row in short_table(table, each.missed)}
     cells = [
         (one.label, one.shown, other.shown, one.unit, "" if math.isnan(its.ratio) else f"{its.ratio:.3g}", its.word)
         for one, other, its in rows
+        if whole or other.name in kept
     ]
     headings = ("", "A", "B", "unit", "B/A", "B is")
-    print_table(Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), optional=("B/A",))
+    show(
+        {
+            "base": str(base),
+            "head": str(head),
+            "verdicts": [each.word for each in verdicts],
+            "comparable": found.comparable,
+            **{name: list(getattr(found, name)) for name in ("scene", "how", "around")},
+            "figures": {
+                one.name: {"base": one.value, "head": other.value, "ratio": its.ratio, "word": its.word or None}
+                for one, other, its in rows
+            },
+        },
+        *parts,
+        "",
+        (Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), ("B/A",)),
+        as_json=as_json,
+    )

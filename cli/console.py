@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 SILENCE = 10.0
 """Time between two lines of progress where there is no bar [s]."""
-BAR = "hhsim.bar"
-"""Key of the bar's label in a command's context."""
 
 
 def prepare_streams() -> None:
@@ -76,9 +74,9 @@ def end_on_sigterm() -> None:
 
 
 def announce_compilation(*, quiet: bool) -> None:
-    """Print on stderr, once, when the command has to compile a kernel; a progress bar shows it with its seconds.
+    """Print on stderr, once, when the command has to compile a kernel, so that nobody takes the wait for a fault.
 
-    So nobody takes the wait for a fault. Kernels from the cache are loaded without a word.
+    Kernels from the cache are loaded without a word.
     """
     if quiet:
         return
@@ -86,15 +84,7 @@ def announce_compilation(*, quiet: bool) -> None:
 
     from hhsim.system.compile_notice import COMPILING, tell_of_compilation
 
-    context = click.get_current_context()
-
-    def tell() -> None:
-        if BAR in context.meta:
-            context.meta[BAR]("compiling the kernels: once, and after an upgrade")
-        else:
-            print(COMPILING, file=sys.stderr)
-
-    context.call_on_close(tell_of_compilation(tell))
+    click.get_current_context().call_on_close(tell_of_compilation(lambda: print(COMPILING, file=sys.stderr)))
 
 
 def print_notes(notes: Sequence[str], *, prefix: str = "note") -> None:
@@ -118,7 +108,6 @@ def progress(*, quiet: bool) -> Iterator[Progress]:
         with _line_by_line() as report:
             yield report
         return
-    import click
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bar
@@ -127,29 +116,19 @@ def progress(*, quiet: bool) -> Iterator[Progress]:
     texts = map(TextColumn, ("{task.description}", "{task.elapsed:,.0f} s", "{task.fields[amount]}"))
     columns = (*texts, BarColumn(), TimeRemainingColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("getting ready", total=None, amount="")
         now = "getting ready"
-
-        def label(what: str) -> None:
-            nonlocal now
-            if what != now:
-                now = what
-                bar.reset(task, total=None, description=what, amount="")
+        task = bar.add_task(now, total=None, amount="")
 
         def report(what: str, done: int, total: int) -> None:
+            nonlocal now
             what = plain_text(what).replace("[", "\\[")
-            # Text in brackets changes as the work goes on.
-            label(what.partition(" (")[0])
+            # Text in brackets changes as the work goes on; the clock begins anew where other text does.
+            if (stage := what.partition(" (")[0]) != now:
+                now = stage
+                bar.reset(task, total=None, description=what, amount="")
             bar.update(task, description=what, completed=done, total=total, amount=f"{done:,} of {total:,}")
 
-        context = click.get_current_context(silent=True)
-        if context is not None:
-            context.meta[BAR] = label
-        try:
-            yield report
-        finally:
-            if context is not None:
-                del context.meta[BAR]
+        yield report
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import click
 
-from hhsim.table.table import Table
+from hhsim.table.table import Table, number, words
 
 from .arguments.command import Number, make_command, option
 from .arguments.options import Printing
@@ -33,18 +33,16 @@ def command(
       hhsim doctor --rate 2000 --duration 60
       hhsim doctor --no-realtime
     """
-    from hhsim.live.doctor import examine
+    from hhsim.live.doctor import measure_wakeups
     from hhsim.live.real_time import RealTimeWishes, described
 
-    wishes = RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu)
-    diagnosis = examine(rate, duration, wishes)
-    title = f"{diagnosis.wakeups.periods:,} periods at {rate:,g} Hz"
-    headings, cells = ("measured", "hhsim", "limit", "unit"), [row.cells for row in diagnosis.rows]
+    found = measure_wakeups(rate, duration, RealTimeWishes.none() if no_realtime else RealTimeWishes(cpu=cpu))
+    columns = words("measured", "name"), number("hhsim", "value"), number("limit", missing=""), words("unit")
     printing.show(
-        diagnosis.to_json(),
-        Table.of_cells(headings, cells, title, numbers=headings[1:3]),
-        f"granted: {described(diagnosis.wakeups.mode)}",
-        diagnosis.verdict,
-        *(f"  - {advice}" for advice in diagnosis.advice),
+        found.to_json(),
+        Table(columns, found.rows, f"{found.periods:,} periods at {rate:,g} Hz"),
+        f"granted: {described(found.mode)}",
+        found.verdict,
+        *(f"  - {advice}" for advice in found.advice),
     )
-    return 0 if diagnosis.good else 1
+    return 0 if found.good else 1

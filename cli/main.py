@@ -117,7 +117,7 @@ def _run_and_report() -> int:
     try:
         return _run()
     except HhsimError as error:
-        return _report(_with_notes(str(error), error), error.exit_code)
+        return _report(str(error), error.exit_code, error)
     except click.UsageError as error:
         command = error.ctx.command_path if error.ctx else "hhsim"
         return _report(f"{error.format_message().rstrip('.')} (see {command} --help)", error.exit_code)
@@ -126,26 +126,24 @@ def _run_and_report() -> int:
     except KeyboardInterrupt as interrupt:
         # A second Ctrl-C must not cut the answer short.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        return _report(_with_notes("interrupted", interrupt), INTERRUPTED)
+        return _report("interrupted", INTERRUPTED, interrupt)
     except BrokenPipeError:
         raise
     except (OSError, MemoryError, RuntimeError, ImportError, SystemError) as error:
-        if _lacks_memory(error):
+        refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
+        if refused or isinstance(error, MemoryError) or any(words in str(error) for words in NO_MEMORY):
             # numpy spells out every field of a record.
             line = (
                 f"not enough memory: {error}".partition(" and data type {")[0].rstrip(": ")
                 + "; raise a limit that is set (ulimit -v), or use less"
             )
-            return _report(_with_notes(line, error), HhsimError.exit_code)
+            return _report(line, HhsimError.exit_code, error)
         if not isinstance(error, OSError):
             raise
-        return _report(_with_notes(f"{error.strerror or error}: {_place(error)}", error), HhsimError.exit_code)
+        from hhsim.kernels.cache_folder import cache_root
 
-
-def _lacks_memory(error: BaseException) -> bool:
-    """Return True for an error of memory that the system refused, be it for arrays, a thread, or a library."""
-    refused = isinstance(error, OSError) and error.errno == errno.ENOMEM
-    return isinstance(error, MemoryError) or refused or any(words in str(error) for words in NO_MEMORY)
+        place = f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
+        return _report(f"{error.strerror or error}: {error.filename or place}", HhsimError.exit_code, error)
 
 
 def _run() -> int:
@@ -157,22 +155,9 @@ def _run() -> int:
     return answer if isinstance(answer, int) else 0
 
 
-def _place(error: OSError) -> str:
-    """Return the file of a system's error, or what it may be about where it names none."""
-    if error.filename:
-        return str(error.filename)
-    from hhsim.kernels.cache_folder import cache_root
-
-    return f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
-
-
-def _with_notes(message: str, error: BaseException) -> str:
-    return "; ".join([message, *getattr(error, "__notes__", ())])
-
-
-def _report(message: str, code: int) -> int:
-    """Report an error: one line on stderr and, with --json, one JSON document on stdout."""
-    line = " ".join(message.split())
+def _report(message: str, code: int, error: BaseException | None = None) -> int:
+    """Report an error with its notes: one line on stderr and, with --json, one JSON document on stdout."""
+    line = " ".join("; ".join([message, *getattr(error, "__notes__", ())]).split())
     print_error(f"hhsim: {line}" if code == INTERRUPTED else f"hhsim: error: {line}")
     if "--json" in sys.argv:
         print(json.dumps({"error": line}), flush=True)

@@ -9,9 +9,9 @@ import click
 
 from .arguments.command import Number, OptionGroup, argument, make_command, option, refuse_typed
 from .arguments.object_options import MeshSize
-from .arguments.options import SCHEDULER, Jobs, OutPath, Printing, metres
+from .arguments.options import SCHEDULER, Jobs, OutPath, Part, Printing, metres
 from .arguments.recording_options import FileSettings, HandData
-from .console import end_on_sigterm, print_line, print_notes, print_table, progress
+from .console import end_on_sigterm, print_notes, progress
 
 NO_OBJECT = "--object names the object that the hand holds; a manifest names it in each row"
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
@@ -135,17 +135,17 @@ def command(
 
             both = repair_both_hands(request, command=typed, progress=report)
             outcomes, document, last = list(both.hands), both.to_json(), both.text
-    for outcome in outcomes if printing.for_people else ():
-        print_notes(outcome.findings)
-        if outcome.table is not None:
-            print_table(outcome.table)
-        print_line(outcome.verdict)
+    parts: list[Part] = []
+    for outcome in outcomes:
+        if printing.for_people:
+            print_notes(outcome.findings)
+        parts += [outcome.verdict] if outcome.table is None else [outcome.table, outcome.verdict]
         if outcome.marked:
             listed = ", ".join(map(str, outcome.marked[:12])) + (", …" if len(outcome.marked) > 12 else "")
             said = "marked, without a repair or beyond the limit"
-            print_line(f"{said}: {len(outcome.marked)} of {outcome.frames}: {listed}")
-        print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
-    printing.show(document, *([last] if last else []))
+            parts.append(f"{said}: {len(outcome.marked)} of {outcome.frames}: {listed}")
+        parts.append(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
+    printing.show(document, *parts, *([last] if last else []))
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 

@@ -14,10 +14,10 @@ from hhsim.table.table import Table, number, words
 from .arguments import object_options, options, scene_options
 from .arguments.command import make_command, option, refuse_typed
 from .arguments.recording_options import PLACE_HELP, HandData, Place
-from .console import print_line, print_notes, print_table, progress
+from .console import print_notes, progress
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from hhsim.replay.summary import ReplaySummary
     from hhsim.scene.described_scene import SceneWords
@@ -232,9 +232,7 @@ def command(
 
             view_file(output_path, parse_target(rerun), progress=report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
-    if output.for_people:
-        _print(hands, whole=output.whole)
-    elif output.quiet and not output.as_json:
+    if output.quiet and not output.as_json:
         print_notes(stuck, prefix="missed")
     columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
     times = [Table(columns, repeated_times(runs), f"times of {len(runs)} runs")] if output.repeat > 1 else []
@@ -242,6 +240,7 @@ def command(
     told = dict.fromkeys(note for note in (*remarks, *notes, *of_hands) if note not in bodies.mesh.warnings)
     output.show(
         {**document, "notes": [*remarks, *document.get("notes", ())]},
+        *_figures(hands, whole=output.whole),
         *([""] if times else []),
         *times,
         *(f"note: {note}" for note in told),
@@ -250,27 +249,26 @@ def command(
     return int(bool(stuck))
 
 
-def _print(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> None:
-    """Print the verdict on each hand and the table of all."""
+def _figures(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> "Iterator[options.Part]":
+    """Yield the verdict on each hand and the table of all."""
     from hhsim.replay.summary_table import figure_table, hands_table, short_table, whole_table
 
     summary, several = next(iter(hands.values())), len(hands) > 1
     touched = "" if summary.surface == "spheres" else f", {summary.surface}"
-    print_line(
-        f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {counted(summary.ticks, 'tick')}"
-    )
+    yield f"{summary.object_name}, {summary.motion_name}, {summary.method}{touched}: {counted(summary.ticks, 'tick')}"
     for name, of in hands.items():
-        print_line(f"{name} hand: {of.verdict.line}" if several else of.verdict.line)
-    print()
+        yield f"{name} hand: {of.verdict.line}" if several else of.verdict.line
+    yield ""
     missed = [figure for of in hands.values() for figure in of.verdict.missed]
     tables = {name: whole_table(of.rows) if whole else short_table(of.rows, missed) for name, of in hands.items()}
     rows = next(iter(tables.values()))
-    if several:
-        print_table(hands_table(tables, summary.promises))
-    else:
-        print_table(figure_table(rows, promises=summary.promises), optional=("paper",))
+    yield (
+        hands_table(tables, summary.promises)
+        if several
+        else (figure_table(rows, promises=summary.promises), ("paper",))
+    )
     if not whole:
-        print_line("the main figures: --all prints all")
+        yield "the main figures: --all prints all"
 
 
 AGAIN = (

@@ -69,7 +69,7 @@ class RobotOptions(OptionGroup, heading="Robot"):
 def robot_spheres(
     path: Path,
     robot_options: RobotOptions,
-    options: "TreeOptions | None",
+    options: "TreeOptions",
     source: Path | None,
     output: Output,
     plot: Path | None,
@@ -83,7 +83,6 @@ def robot_spheres(
     from hhsim.robots.touching_pairs import touching_pairs
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import check_output_path, check_picture, holds
-    from hhsim.trees.options import TreeOptions
 
     name = robot_options.kind or ("" if output.out is None else format_of(output.out)) or "h5"
     format_ = FORMATS[name]
@@ -103,8 +102,7 @@ def robot_spheres(
         if source is not None:
             built = _judged(robot, meshes, source, seed, notes)
         else:
-            each = options or TreeOptions(leaves=USUAL_LEAVES, seed=seed)
-            built = build_links(robot, meshes, dict.fromkeys(meshes, each), threads, report)
+            built = build_links(robot, meshes, dict.fromkeys(meshes, options), threads, report)
         ignore = robot_options.ignore or "always"
         of_links = {name: each.spheres for name, each in built.items()}
         ignored, touching = touching_pairs(robot, of_links, seed, ignore)

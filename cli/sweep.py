@@ -7,11 +7,11 @@ from hhsim.system.counted import counted
 from hhsim.table.table import Table
 
 from .arguments.command import OptionGroup, argument, make_command, option
-from .arguments.options import Jobs, OutPath, Printing
-from .console import end_on_sigterm, print_line, print_notes, print_table, progress
+from .arguments.options import SCHEDULER, Jobs, OutPath, Part, Printing
+from .console import end_on_sigterm, print_notes, progress
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from hhsim.sweep.cell_table import CellRow
     from hhsim.sweep.plan import Cell
@@ -31,9 +31,7 @@ class SweepSettings(OptionGroup):
     jobs: Jobs | None = option(
         "Cells at a time, in processes of this machine. Default: one for each physical core.", "N"
     )
-    scheduler: str = option(
-        "Run the cells on a Dask cluster: tcp://host:8786, or local for one of --jobs processes.", "ADDRESS", default=""
-    )
+    scheduler: str = SCHEDULER
     dry_run: bool = option("Count the cells, and those that are left to run; write nothing.")
     summary_only: bool = option("Keep a row of figures for each cell, and not its ticks.")
 
@@ -83,8 +81,6 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
         )
         return 0
     failed = [(planned.cell, ended.failed[planned.digest]) for planned in read.cells if planned.digest in ended.failed]
-    if printing.for_people:
-        _print(ended, failed, rows, folder.path)
     printing.show(
         {
             "folder": str(folder.path),
@@ -96,7 +92,8 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
             "seconds": ended.seconds,
             "rows": rows,
             "notes": list(read.notes),
-        }
+        },
+        *_figures(ended, failed, rows, folder.path),
     )
     if printing.quiet and failed:
         shown = [f"{cell.label}: {why}" for cell, why in failed[:MOST_FAILURES]]
@@ -104,28 +101,26 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
     return 1 if failed else 0
 
 
-def _print(
+def _figures(
     ended: "SweepSummary", failed: "Sequence[tuple[Cell, str]]", rows: "Sequence[CellRow]", folder: Path
-) -> None:
+) -> "Iterator[Part]":
+    """Yield the table of the cells, their numbers, and those that failed."""
     from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
 
     done = [row for row in rows if row["verdict"] != FAILED]
     if done:
         table = shown_table(done[:MOST_ROWS])
-        print_table(table, optional=("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"))
-        for note in table.notes:
-            print_line(note)
-        print()
+        yield table, ("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface")
+        yield from (*table.notes, "")
     before = f", {ended.done_before:,} before" if ended.done_before else ""
-    print_line(f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed")
+    yield f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed"
     if ended.run:
         speed = f", {ended.ticks / ended.seconds:,.0f} a second" if ended.seconds else ""
-        print_line(f"{ended.ticks:,} ticks in {ended.seconds:,.0f} s{speed}")
+        yield f"{ended.ticks:,} ticks in {ended.seconds:,.0f} s{speed}"
     if failed:
-        print()
         shown = [(cell.label, cell.stated, why) for cell, why in failed[:MOST_FAILURES]]
-        print_table(Table.of_cells(("cell", "options", "failed since"), shown))
+        yield from ("", Table.of_cells(("cell", "options", "failed since"), shown))
         more = len(failed) - MOST_FAILURES
-        print_line(f"{f'{more:,} more failed; ' if more > 0 else ''}the same command runs them again")
+        yield f"{f'{more:,} more failed; ' if more > 0 else ''}the same command runs them again"
     others = f"{len(done) - MOST_ROWS:,} more rows, and " if len(done) > MOST_ROWS else ""
-    print_line(f"{others}all figures of each cell are in {folder / TABLE}")
+    yield f"{others}all figures of each cell are in {folder / TABLE}"

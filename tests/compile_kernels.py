@@ -96,11 +96,11 @@ def sessions(**changes: Any) -> None:
     """A session's loop: the compiled one, and what Python calls in its place or where a tick is missed."""
     from live_scripted import FakeClock, InStep, Moment, ScriptedGlove, make_setup
 
+    from hhsim.kernels.live.deadlines import cause_of
     from hhsim.live.session.memory import SessionMemory
     from hhsim.live.session.setup import SafetyLimits
-    from hhsim.result.miss_cause import TimeTaken
 
-    TimeTaken(1, 0, 0, 0, 0).cause()
+    cause_of(1, 0, 0, 0, 0)
     setup, clock = make_setup(safety=SafetyLimits(watchdog=False), duration=2e-3, **changes), FakeClock()
     memory = SessionMemory.create(bodies=setup.recorded_bodies)
     both = InStep(setup, memory, ScriptedGlove(clock, [Moment(0.0)]), clock)

@@ -22,10 +22,11 @@ from hhsim.kernels.live.deadlines import (
 )
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
+from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
+from hhsim.live.drivers.played import Playback
 from hhsim.live.drivers.poses import FixedPose, PoseSource
 from hhsim.live.gloves import PoseConfig, configure
-from hhsim.live.playback import Playback
 from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, deadline_record
@@ -37,7 +38,6 @@ from hhsim.motion.trajectory import Trajectory
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.options import SolverOptions
-from hhsim.system.cpu_accounts import CpuAccounts
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import sphere
 
@@ -98,9 +98,9 @@ class FakeAccounts(CpuAccounts):
     """Planted accounts of the loop's thread [ns]."""
 
     def __init__(self, cpu_ns: int = 0, run_delay_ns: int = 0, steal_ns: int = 0) -> None:
-        self.processors = ()
+        self.processors = []
         self.schedule = self.stat = -1
-        self.stat_bytes = self.steal_step_ns = 1
+        self.steal_step_ns = 1
         self.cpu, self.delay, self.steal = cpu_ns, run_delay_ns, steal_ns
 
     def cpu_ns(self) -> int:

@@ -11,7 +11,7 @@ from typing import Self
 
 import pytest
 
-from hhsim.system.cpu_accounts import CpuAccounts, risen
+from hhsim.live.cpu_accounts import CpuAccounts
 
 
 class Late(AssertionError):
@@ -66,7 +66,7 @@ class MachineShare:
         """What the machine took, all threads together, and the host [ns]."""
         self.look()
         waited = sum(max(0, delay - self._first.get(thread, 0)) for thread, delay in self._last.items())
-        return int(waited + risen(self._steal, self._accounts.steal_ns()))
+        return int(waited + max(0, self._accounts.steal_ns() - self._steal))
 
     def _read(self, process: int) -> None:
         delays: dict[int, tuple[bool, int]] = {}

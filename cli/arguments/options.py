@@ -129,21 +129,26 @@ WHICH_HANDS = option(
 SEED = option("Seed of everything random.", "N", default=0)
 JSON = option("Print one JSON document, SI units, and nothing else.", None, "--json")
 QUIET = option("Show no progress and no table; errors still show.", None, "--quiet", "-q", callback=_announce)
-RATE = option("Ticks a second [Hz].", "HZ", default=1000.0)
 TREE_LEVEL = option("Level of the sphere trees. Default: as the catalogue says.", "N")
 HAND_FILE = option(
     "Sizes and joint limits of the hand that differ from the default (docs/faq.md has an example).", "TOML"
 )
 
 
-def show(document: Mapping[str, Any], *parts: Table | str, as_json: bool) -> None:
-    """Print the document with --json, else tables and sentences, "" for an empty line."""
+Part = Table | str | tuple[Table, Sequence[str]]
+"""What is printed: a table, one with `optional` headings as of `print_table`, or a sentence, "" for an empty line."""
+
+
+def show(document: Mapping[str, Any], *parts: Part, as_json: bool) -> None:
+    """Print the document with --json, else the parts."""
     if as_json:
         print_json(document)
         return
     for part in parts:
         if isinstance(part, str):
             print_line(part)
+        elif isinstance(part, tuple):
+            print_table(part[0], optional=part[1])
         else:
             print_table(part)
 
@@ -164,7 +169,7 @@ class Printing(OptionGroup):
         """True where tables and sentences are printed."""
         return not self.as_json and not self.quiet
 
-    def show(self, document: Mapping[str, Any], *parts: Table | str) -> None:
+    def show(self, document: Mapping[str, Any], *parts: Part) -> None:
         """Print what the function `show` prints; without --json nothing where it is quiet."""
         if self.as_json or not self.quiet:
             show(document, *parts, as_json=self.as_json)

@@ -7,7 +7,7 @@ import click
 
 from hhsim.errors import UnknownNameError, check_known
 from hhsim.ranges import RANGES
-from hhsim.solver.method import METHODS
+from hhsim.solver.method import METHODS, method_names
 from hhsim.solver.surface import SURFACES
 
 from .command import Number, OptionGroup, argument, option
@@ -100,11 +100,8 @@ class Sampling(OptionGroup, heading="Motion"):
 
 def read_method(value: str) -> str:
     """Read a name that `hhsim methods` lists, or `package.module:Class`, which is judged when it is imported."""
-    if value not in METHODS and ":" not in value:
-        from hhsim.solver.method import method_names
-
-        if value not in method_names():
-            raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
+    if ":" not in value and value not in method_names():
+        raise click.BadParameter(str(UnknownNameError("method", value, method_names())))
     return value
 
 

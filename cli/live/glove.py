@@ -13,7 +13,7 @@ from hhsim.solver.method import METHODS
 
 from ..arguments import object_options, options, scene_options
 from ..arguments.command import Number, OptionGroup, make_command, option
-from ..console import print_json, print_notes, progress
+from ..console import print_error, print_json, print_notes, progress
 from .glove_settings import GloveChoice, own_options
 from .session import run_session
 from .summary import print_summary, session_json
@@ -120,20 +120,19 @@ class HandChoice(OptionGroup, heading="Hand"):
         ):
             if wrong:
                 raise click.UsageError(message)
-        motion = self._motion(self.trajectory or usual_motion, two=glove.two) if plays else None
+        motion: Motion | None = None
+        if plays:
+            from hhsim.scene.described_scene import motion_of_side
+            from hhsim.scene.script import Script
+
+            # For one of two gloves its hand's, where a file holds both.
+            motion = motion_of_side(self.trajectory or usual_motion, (self.side or "right") if glove.two else "")
+            motion = motion.of_two() if glove.two and isinstance(motion, Script) else motion
         side: Hand = "left" if (self.side or getattr(motion, "hand", None)) == "left" else "right"
         x, y, z = [1e-3 * value for value in self.palm] if self.palm else (0.0, 0.0, 0.0)
         a, b, c, d = self.palm_turn or (1.0, 0.0, 0.0, 0.0)
         config = PoseConfig(pose, (x, y, z), (a, b, c, d), host=self.pose_host, port=self.pose_port)
         return configure(device, hand=side, seed=seed, **settings), config, motion
-
-    def _motion(self, word: str, *, two: bool) -> "Motion":
-        """Return the motion that a word means; for one of two gloves its hand's, where a file holds both."""
-        from hhsim.scene.described_scene import motion_of_side
-        from hhsim.scene.script import Script
-
-        motion = motion_of_side(word, (self.side or "right") if two else "")
-        return motion.of_two() if two and isinstance(motion, Script) else motion
 
 
 class Feedback(OptionGroup, heading="Forces"):
@@ -307,14 +306,14 @@ def command(
     warning = quick_warning(session.rate, setup.real_time)
     print_notes([warning] if warning else [], prefix="warning")
     heading = f"{mesh.name}, {solver.method}, {' and '.join(device.kind for _, (device, _, _) in worn)}"
-    outcome, error = run_session(setup, heading, quiet=session.quiet)
+    outcome = run_session(setup, heading, quiet=session.quiet)
     if session.as_json:
-        print_json(session_json(outcome, error))
+        print_json(session_json(outcome))
     elif not session.quiet:
         for of_hand in outcome.hands:
             if of_hand.ticks:
                 whose = f"{of_hand.side} hand, " if two else ""
                 print_summary(of_hand, f"{whose}{heading}: {of_hand.seconds:,.1f} s, {of_hand.reason}")
-    if error:
-        print(f"hhsim: error: {error}", file=sys.stderr)
-    return 2 if error else int(bool(outcome.fault_at_end))
+    if outcome.error:
+        print_error(f"hhsim: error: {outcome.error}")
+    return 2 if outcome.error else int(bool(outcome.fault_at_end))

@@ -155,14 +155,18 @@ def terminal_keys() -> Iterator[Callable[[], str | None] | None]:
     What it yields returns the keys pressed since the last call, "" for none; None if the terminal is gone. Ctrl-C,
     Ctrl-Z and Ctrl-backslash stay signals. The settings are restored when the block is left, by whatever error or exit.
     """
-    found = _terminal()
-    if found is None:
+    before = None
+    with suppress(ImportError, OSError, ValueError):
+        import termios
+        import tty
+
+        descriptor = sys.stdin.fileno()
+        if os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp():
+            with suppress(termios.error):
+                before = termios.tcgetattr(descriptor)
+    if before is None:
         yield None
         return
-    import termios
-    import tty
-
-    descriptor, before = found
     try:
         tty.setcbreak(descriptor, termios.TCSANOW)
         yield lambda: _keys(descriptor)
@@ -170,18 +174,6 @@ def terminal_keys() -> Iterator[Callable[[], str | None] | None]:
         # A terminal that is gone cannot be restored.
         with suppress(termios.error, OSError):
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-def _terminal() -> "tuple[int, list[int | list[bytes | int]]] | None":
-    """Return descriptor and settings of stdin if it is a terminal and we are in its foreground."""
-    with suppress(ImportError, OSError, ValueError):
-        import termios
-
-        descriptor = sys.stdin.fileno()
-        if os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp():
-            with suppress(termios.error):
-                return descriptor, termios.tcgetattr(descriptor)
-    return None
 
 
 def _keys(descriptor: int) -> str | None:
@@ -197,11 +189,8 @@ def _keys(descriptor: int) -> str | None:
     return re.sub(r"\x1b[\[O][^@-~]*[@-~]?", "", found.decode("utf-8", "replace"))
 
 
-def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[SessionOutcome, str]":
-    """Run a session to its end; return its outcome, and the error in a line, or "".
-
-    `heading` is the title of the display, which is warnings and faults alone where `quiet` is set.
-    """
+def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "SessionOutcome":
+    """Run a session to its end; its display has the title `heading`, and is warnings and faults alone if `quiet`."""
     from hhsim.live.drivers.poses import HELP, PalmKeys, write_keyboard_pose
     from hhsim.live.session.supervisor import Supervisor, stop_signals
 
@@ -215,9 +204,7 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
         Supervisor(setup, status.say) as session,
     ):
         memory = session.memory
-        before = time.monotonic()
-        stopping = False
-        where = str(setup.record or "")
+        before, stopping, where = time.monotonic(), False, str(setup.record or "")
         while session.poll():
             time.sleep(POLL)
             now = time.monotonic()
@@ -232,5 +219,4 @@ def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "tuple[Sess
             before = now
             hands = [(hand.status, tally) for hand, tally in zip(memory.hands, session.tallies)]
             status.update(hands, where, palm if by_keys else None)
-        outcome = session.end()
-    return outcome, outcome.error
+        return session.end()

@@ -12,15 +12,15 @@ from ..console import print_line, print_table
 if TYPE_CHECKING:
     from hhsim.live.session.supervisor import SessionOutcome
     from hhsim.metrics.session_faults import FaultCounts
-    from hhsim.result.reader import Result
 
 Row = tuple[str, str, str]
 
 
 def print_summary(outcome: "SessionOutcome", title: str) -> None:
     """Print the table, a line of faults, and the path of the recording."""
-    print_table(Table.of_cells(("", "hhsim", "unit"), summary_rows(outcome), title, numbers=("hhsim",)))
-    print_line(fault_counts(outcome).line)
+    faults, depths = judged(outcome)
+    print_table(Table.of_cells(("", "hhsim", "unit"), summary_rows(outcome, depths), title, numbers=("hhsim",)))
+    print_line(faults.line)
     mode = outcome.facts.get("real_time")
     if mode:
         from hhsim.live.real_time import described
@@ -31,8 +31,8 @@ def print_summary(outcome: "SessionOutcome", title: str) -> None:
         print_line(f"the session is in {outcome.record}{whole}; hhsim replay {outcome.record} runs it again")
 
 
-def summary_rows(outcome: "SessionOutcome") -> list[Row]:
-    """Return label, figure and unit of every line."""
+def summary_rows(outcome: "SessionOutcome", depths: dict[str, float]) -> list[Row]:
+    """Return label, figure and unit of every line; `depths` as `judged` has them."""
     from hhsim.live.session.statistics import session_figures
     from hhsim.replay.summary_table import session_rows
 
@@ -59,80 +59,67 @@ def summary_rows(outcome: "SessionOutcome") -> list[Row]:
         handless = outcome.ticks - outcome.recorded - outcome.record_lost
         if handless > 0 and not outcome.record_failed:
             rows.append(("ticks without a hand, not recorded", f"{handless:,}", ""))
-    found = recording_errors(outcome)
-    if found:
-        rows.append(("penetration in the recording, max", shown(1e6 * found["penetration_max"], 3), "µm"))
-    if "object_raised" in found:
-        rows.append(("object raised, max", shown(1e3 * found["object_raised"], 2), "mm"))
+    for name, label, factor, digits, unit in (
+        ("penetration_max", "penetration in the recording, max", 1e6, 3, "µm"),
+        ("object_raised", "object raised, max", 1e3, 2, "mm"),
+    ):
+        if name in depths:
+            rows.append((label, shown(factor * depths[name], digits), unit))
     return rows
 
 
-def recorded(outcome: "SessionOutcome") -> "Result | None":
-    """Return the recording of the hand; None without one that can be read."""
+def judged(outcome: "SessionOutcome") -> "tuple[FaultCounts, dict[str, float]]":
+    """Return the faults of a hand's recording, counted as the gate does, and how deep it is [m].
+
+    Without a recording faults are counted among the events of the session. The depths are `penetration_max`, and of a
+    free object `object_raised`; none where the recording is not whole.
+    """
     from hhsim.errors import InputError
-    from hhsim.result.reader import load_result
-
-    if outcome.record is not None and outcome.recorded:
-        with suppress(InputError):
-            return load_result(outcome.record).hands[outcome.side]
-    return None
-
-
-def fault_counts(outcome: "SessionOutcome") -> "FaultCounts":
-    """Count faults in the recording, as the gate does; without one, among the events of the session."""
-    from hhsim.errors import InputError
+    from hhsim.metrics.run_ticks import result_free_run
     from hhsim.metrics.session_faults import FaultCounts, recorded_faults
+    from hhsim.result.reader import load_result
     from hhsim.result.schema import FAULT
 
-    with suppress(InputError):
-        if (result := recorded(outcome)) is not None:
-            return recorded_faults(result)
     tally, counters, early = outcome.tally, outcome.counters, float(bool(outcome.loop_failed))
     told = max(early, sum(level == FAULT for _, level, _ in outcome.notices))
-    return FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
+    faults = FaultCounts(early, told, counters.malformed, counters.frames, tally.freed, tally.ticks)
+    depths: dict[str, float] = {}
+    with suppress(InputError):
+        if outcome.record is not None and outcome.recorded:
+            result = load_result(outcome.record).hands[outcome.side]
+            if result.complete and not outcome.record_failed:
+                free = result_free_run(result)
+                depths["penetration_max"] = float(result.summary["penetration_max"])
+                depths |= {} if free is None else {"object_raised": free.raised}
+            faults = recorded_faults(result)
+    return faults, depths
 
 
-def recording_errors(outcome: "SessionOutcome") -> dict[str, float]:
-    """Return `penetration_max`, and of a free object `object_raised`, over the recording [m]; empty if not whole."""
-    from hhsim.metrics.run_ticks import result_free_run
-
-    result = recorded(outcome)
-    if result is None or outcome.record_failed or not result.complete:
-        return {}
-    free = result_free_run(result)
-    raised = {} if free is None else {"object_raised": free.raised}
-    return {"penetration_max": float(result.summary["penetration_max"]), **raised}
-
-
-def session_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
+def session_json(outcome: "SessionOutcome") -> dict[str, Any]:
     """Return `summary_json` of one hand, or of both by their names."""
     if outcome.beside is None:
-        return summary_json(outcome, error)
-    hands = {of_hand.side: summary_json(of_hand, "") for of_hand in outcome.hands}
-    return {"session": str(outcome.record) if outcome.record else None, "error": error or None, "hands": hands}
+        return summary_json(outcome)
+    whole = {"session": str(outcome.record) if outcome.record else None, "error": outcome.error or None}
+    return whole | {"hands": {of_hand.side: summary_json(of_hand) for of_hand in outcome.hands}}
 
 
-def summary_json(outcome: "SessionOutcome", error: str) -> dict[str, Any]:
-    """Return the summary as plain values, SI units; `error` is a line, or ""."""
+def summary_json(outcome: "SessionOutcome") -> dict[str, Any]:
+    """Return the summary of a hand as plain values, SI units."""
+    faults, depths = judged(outcome)
     return {
         "session": str(outcome.record) if outcome.record is not None else None,
-        "reason": outcome.reason,
-        "error": error or None,
-        "fault_at_end": outcome.fault_at_end or None,
-        "seconds": outcome.seconds,
+        **{name: getattr(outcome, name) or None for name in ("error", "fault_at_end")},
         **outcome.tally.figures(),
         "uncounted_ticks": outcome.tally.lost,
         "loop_ticks": outcome.ticks,
-        "missed": outcome.missed,
-        "missed_by": outcome.missed_by,
-        **{name: outcome.facts.get(name) for name in ("device", "pose", "real_time")},
         "counters": asdict(outcome.counters),
         "recorded_ticks": outcome.recorded,
         "recorder_lost": outcome.record_lost,
         "penetration_max": None,
-        **recording_errors(outcome),
-        **fault_counts(outcome).figures,
-        "watchdog_restarts": outcome.watchdog_restarts,
-        "watchdog_releases": outcome.watchdog_releases,
+        **depths,
+        **faults.figures,
+        **{name: outcome.facts.get(name) for name in ("device", "pose", "real_time")},
+        **{name: getattr(outcome, name) for name in ("reason", "seconds", "missed", "missed_by")},
+        **{name: getattr(outcome, name) for name in ("watchdog_restarts", "watchdog_releases")},
         "events": [{"seconds": at, "level": level, "text": text} for at, level, text in outcome.notices],
     }

@@ -1,28 +1,23 @@
 """Verdict on whether this machine keeps a loop's rate, and who takes the time if not: `hhsim doctor`.
 
-Measured wake-ups of a thread that only waits, as a session's loop does, decide alone, by the limits below; the settings
-of the system only suggest what to change.
+Measured wake-ups of a thread that only waits, as a session's loop does, decide, by the limits below.
 """
 
-import os
-import platform
-import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.kernels.live.deadlines import DEADLINES, PASSED, wait_periods
+from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.real_time import RealTimeWishes, become_real_time, processors_awake, unlock_memory
-from hhsim.result.miss_cause import CAUSES, WORDS, MissCause, TimeTaken, by_name
-from hhsim.system.cpu_accounts import CpuAccounts, risen
 
 BLOCK_SECONDS = 0.05
-"""Time that compiled code waits by itself [s]; accounts are read between two blocks, which costs no period."""
+"""Time that compiled code waits by itself [s]: Ctrl-C ends a measurement between two blocks."""
 MOST_MISSED = 1e-3
 """Fraction of the periods that a thread that only waits may miss, so that a loop has the rest of its period to work."""
 MOST_LATE = 0.25
@@ -43,26 +38,30 @@ NOBODY_ADVICE = (
     "does not tell, else the firmware (system management), or the kernel's own work, where it does not interrupt that"
 )
 
-ADVICE = {
-    "kernel": "a kernel with PREEMPT_RT (in Linux since 6.12) has shorter worst cases",
-    "processors that may be used": "with one processor the loop shares it with everything else: give it two",
-    "processors set aside": "isolcpus={last} on the kernel's command line, and --cpu {last}",
-    "frequency governor": "cpupower frequency-set -g performance: a clock that has to be raised first wakes late",
-    "container's quota": "no quota of CPU time (cpu.max): where it is used up, everything stops until the next period",
-    "virtual machine": "a machine of one's own: no setting in here keeps the host from taking the processor",
-}
-"""What to change of each setting of the system."""
+
+@dataclass(frozen=True)
+class Row:
+    """Row of the doctor's table: a figure, with a limit if it decides."""
+
+    name: str
+    value: float | str
+    limit: float | None = None
+    unit: str = ""
+
+    @property
+    def kept(self) -> bool:
+        """True if there is no limit, or it is kept."""
+        return self.limit is None or float(self.value) <= self.limit
 
 
 @dataclass(frozen=True)
 class Wakeups:
-    """Outcome of a sequence of deadlines."""
+    """Outcome of a sequence of deadlines, and what follows from it."""
 
     rate: float  # deadlines a second [Hz]
     late: IntArray  # time from deadline to wake-up [ns], one entry a wake-up
     missed: int  # number of deadlines that had passed when the thread woke from the one before
     streak: int  # largest number of them in a row
-    causes: dict[MissCause, int]  # number of them by what took the time
     run_delay: int | None  # time in which the thread was ready and did not run [ns]; None if the system does not tell
     steal: int | None  # time in which the host had the thread's processors [ns], in the system's steps; None as above
     mode: dict[str, Any]  # mode that the system granted, as of `become_real_time`
@@ -76,6 +75,65 @@ class Wakeups:
         """Return the lateness [s] that `percent` of the wake-ups do not exceed, the nearest rank."""
         return 1e-9 * float(np.percentile(self.late, percent, method="inverted_cdf"))
 
+    @property
+    def rows(self) -> list[Row]:
+        """Rows of the table; the first three have limits and decide the verdict."""
+        allowed = int(max(MOST_MISSED * self.periods, ONE_ALONE))
+        accounts = (("run delay", self.run_delay), ("steal (the host had it)", self.steal))
+        return [
+            Row("missed periods", self.missed, float(allowed)),
+            Row("missed in a row", self.streak, MOST_IN_A_ROW),
+            Row("wake-up, p99", 1e6 * self.percentile(99.0), 1e6 * MOST_LATE / self.rate, "µs"),
+            *(Row(f"wake-up, {name}", 1e6 * self.percentile(percent), unit="µs") for name, percent in SPREAD),
+            *(Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts),
+        ]
+
+    @property
+    def good(self) -> bool:
+        """True if every limit is kept."""
+        return all(row.kept for row in self.rows)
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in one sentence, with who had the processor meanwhile."""
+        missed = f"none of {self.periods:,} periods was missed"
+        if self.missed:
+            accounts = (("the host", self.steal), ("other work", self.run_delay))
+            took = ", ".join(f"{who} had the processor for {1e-6 * ns:,.1f} ms" for who, ns in accounts if ns)
+            missed = f"{self.missed:,} of {self.periods:,} periods were missed{took and f' ({took})'}"
+        # The first row is that of the missed periods, which end the sentence.
+        beyond = [
+            f"{row.name} {row.value:,.0f} {row.unit} (at most {row.limit:,.0f})".replace("  ", " ")
+            for row in self.rows[1:]
+            if not row.kept
+        ]
+        return f"this machine {'keeps' if self.good else 'does not keep'} {self.rate:,g} Hz: " + ", ".join(
+            [*beyond, missed]
+        )
+
+    @property
+    def advice(self) -> list[str]:
+        """Changes that may help, the most telling first; empty if every limit is kept."""
+        if self.good:
+            return []
+        found = []
+        if self.missed:
+            # Half of the time: an account that explains less is not the reason.
+            least = 0.5e9 * self.missed / self.rate
+            accounts = ((HOST_ADVICE, self.steal), (OTHERS_ADVICE, self.run_delay))
+            found = [advice for advice, ns in accounts if ns is not None and ns >= least] or [NOBODY_ADVICE]
+        return [*found, *self.mode["refused"]]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it as plain values: the rows as in the table, other times in SI units."""
+        return {
+            **{name: getattr(self, name) for name in ("good", "verdict", "advice", "rate", "periods", "missed")},
+            "run_delay": None if self.run_delay is None else 1e-9 * self.run_delay,
+            "steal": None if self.steal is None else 1e-9 * self.steal,
+            "real_time": self.mode,
+            "rows": [asdict(row) | {"kept": row.kept} for row in self.rows],
+        }
+
 
 def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wakeups:
     """Measure how late a thread with the requests of a loop wakes for deadlines, at `rate` [Hz] for `seconds`.
@@ -86,15 +144,16 @@ def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wake
     stopping = threading.Event()
 
     def measure() -> Wakeups:
-        # The first call compiles or loads the kernel, which is not waiting.
+        # The first calls compile or load the kernels, which is not waiting.
         wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
+        with closing(CpuAccounts(None)) as first:
+            first.totals()
         mode = become_real_time(replace(wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
         try:
-            with processors_awake(wishes, mode):
+            with closing(accounts), processors_awake(wishes, mode):
                 return _wait(rate, seconds, stopping, accounts, mode)
         finally:
-            accounts.close()
             if mode["memory_locked"]:
                 unlock_memory()
 
@@ -112,27 +171,18 @@ def _wait(
     count = max(1, round(seconds * rate))
     block, deadlines = np.zeros(max(1, round(BLOCK_SECONDS * rate)), np.int64), _deadlines(period)
     late, missed, streak = [], 0, 0
-    causes = dict.fromkeys(CAUSES, 0)
-    first = before = accounts.run_delay_ns(), accounts.steal_ns()
+    first = accounts.totals()
     while count > 0 and not stopping.is_set():
         waits = block[:count]
-        passed = int(wait_periods(deadlines, waits))
-        after = accounts.run_delay_ns(), accounts.steal_ns()
-        woken = waits[waits != PASSED]
-        if passed:
-            # Deadlines that passed during a sleep, or before it could begin.
-            overslept = woken[woken >= period]
-            kept = max(int(overslept.sum()), passed * period)
-            delay, steal = (risen(was, now) for was, now in zip(before, after, strict=True))
-            causes[TimeTaken(computed=0, kept=kept, run_delay=delay, steal=steal, device=0).cause()] += passed
-            in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
-            streak = max(streak, in_a_row, int(overslept.max(initial=0)) // period)
-        late.append(woken)
-        missed += passed
+        missed += int(wait_periods(deadlines, waits))
+        late.append(waits[waits != PASSED])
+        # Deadlines that passed before a sleep could begin, or during one.
+        in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
+        streak = max(streak, in_a_row, int(late[-1].max(initial=0)) // period)
         count -= len(waits)
-        before = after
-    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(first, before, strict=True))
-    return Wakeups(rate, np.concatenate(late), missed, streak, causes, run_delay, stolen, mode)
+    pairs = zip(first, accounts.totals(), strict=True)
+    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in pairs)
+    return Wakeups(rate, np.concatenate(late), missed, streak, run_delay, stolen, mode)
 
 
 def _deadlines(period: int) -> Any:
@@ -141,141 +191,10 @@ def _deadlines(period: int) -> Any:
     return state[0]
 
 
-@dataclass(frozen=True)
-class Row:
-    """Row of the doctor's table: a figure, with a limit if it decides, or a setting of the system with its `advice`."""
-
-    name: str
-    value: float | str
-    limit: float | None = None
-    unit: str = ""
-    advice: str = ""  # change of the system that may help; "" for none
-
-    @property
-    def kept(self) -> bool:
-        """True if there is no limit, or it is kept."""
-        return self.limit is None or float(self.value) <= self.limit
-
-    @property
-    def cells(self) -> tuple[str, str, str, str]:
-        """Name, value, limit and unit as text."""
-        value = self.value if isinstance(self.value, str) else f"{self.value:,.0f}"
-        return self.name, value, "" if self.limit is None else f"{self.limit:,.0f}", self.unit
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """Measured wake-ups, the settings of the system, and what follows from both."""
-
-    wakeups: Wakeups
-    settings: list[Row]
-
-    @property
-    def rows(self) -> list[Row]:
-        """Rows of the table; the first three have limits and decide the verdict."""
-        wakeups = self.wakeups
-        allowed = int(max(MOST_MISSED * wakeups.periods, ONE_ALONE))
-        accounts = (("run delay", wakeups.run_delay), ("steal (the host had it)", wakeups.steal))
-        return [
-            Row("missed periods", wakeups.missed, float(allowed)),
-            Row("missed in a row", wakeups.streak, MOST_IN_A_ROW),
-            Row("wake-up, p99", 1e6 * wakeups.percentile(99.0), 1e6 * MOST_LATE / wakeups.rate, "µs"),
-            *(Row(f"wake-up, {name}", 1e6 * wakeups.percentile(percent), unit="µs") for name, percent in SPREAD),
-            *(Row(f"missed: {WORDS[cause]}", count) for cause, count in wakeups.causes.items() if count),
-            *(Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts),
-            *self.settings,
-        ]
-
-    @property
-    def good(self) -> bool:
-        """True if every limit is kept."""
-        return all(row.kept for row in self.rows)
-
-    @property
-    def verdict(self) -> str:
-        """Verdict in one sentence, with who took the time of missed periods."""
-        wakeups = self.wakeups
-        missed = f"none of {wakeups.periods:,} periods was missed"
-        if wakeups.missed:
-            by = ", ".join(f"{WORDS[cause]} {count:,}" for cause, count in wakeups.causes.items() if count)
-            missed = f"{wakeups.missed:,} of {wakeups.periods:,} periods were missed ({by})"
-        # The first row is that of the missed periods, which end the sentence with their causes.
-        beyond = [
-            f"{row.name} {row.value:,.0f} {row.unit} (at most {row.limit:,.0f})".replace("  ", " ")
-            for row in self.rows[1:]
-            if not row.kept
-        ]
-        return f"this machine {'keeps' if self.good else 'does not keep'} {wakeups.rate:,g} Hz: " + ", ".join(
-            [*beyond, missed]
-        )
-
-    @property
-    def advice(self) -> list[str]:
-        """Changes that may help, the most telling first; empty if every limit is kept."""
-        if self.good:
-            return []
-        wakeups = self.wakeups
-        found = [HOST_ADVICE] if wakeups.causes[MissCause.HOST] else []
-        if wakeups.causes[MissCause.WOKEN_LATE]:
-            overslept = wakeups.late[wakeups.late >= 1e9 / wakeups.rate].sum()
-            # Half of it: a run delay that explains less is not the reason.
-            found.append(OTHERS_ADVICE if 2 * (wakeups.run_delay or 0) >= overslept else NOBODY_ADVICE)
-        return [*found, *wakeups.mode["refused"], *(row.advice for row in self.settings if row.advice)]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all of it as plain values: the rows as in the table, other times in SI units."""
-        wakeups = self.wakeups
-        return {
-            **{name: getattr(self, name) for name in ("good", "verdict", "advice")},
-            **{name: getattr(wakeups, name) for name in ("rate", "periods", "missed")},
-            "missed_by": by_name(wakeups.causes.values()),
-            "run_delay": None if wakeups.run_delay is None else 1e-9 * wakeups.run_delay,
-            "steal": None if wakeups.steal is None else 1e-9 * wakeups.steal,
-            "real_time": wakeups.mode,
-            "rows": [asdict(row) | {"kept": row.kept} for row in self.rows],
-        }
-
-
-def examine(rate: float, seconds: float, wishes: RealTimeWishes) -> Diagnosis:
-    """Measure wake-ups for `seconds` at `rate` [Hz] with the requests of a loop, and read the system's settings."""
-    return Diagnosis(measure_wakeups(rate, seconds, wishes), system_settings())
-
-
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:
     """Check for `QUICK_SECONDS` whether the machine keeps `rate` [Hz] now; returns a warning, "" if it does.
 
     Memory is not locked: that would take longer than the check.
     """
-    diagnosis = Diagnosis(measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False)), [])
-    return "" if diagnosis.good else f"{diagnosis.verdict}; hhsim doctor tells more"
-
-
-def system_settings(root: Path = Path("/")) -> list[Row]:
-    """Return settings of kernel, processors, governor, host and container; `root` is the folder of /proc and /sys."""
-
-    def text(name: str) -> str:
-        try:
-            return (root / name).read_text(encoding="utf-8", errors="replace").strip()
-        except OSError:
-            return NOT_TOLD
-
-    allowed, cpus = sorted(os.sched_getaffinity(0)), "sys/devices/system/cpu"
-    alone, isolated = len(allowed) == 1, text(f"{cpus}/isolated")
-    is_real_time = text("sys/kernel/realtime") == "1" or "PREEMPT_RT" in platform.version()
-    governors = sorted({text(f"{cpus}/cpu{number}/cpufreq/scaling_governor") for number in allowed} - {NOT_TOLD})
-    flags, quota = text("proc/cpuinfo"), re.fullmatch(r"(\d+) (\d+)", text("sys/fs/cgroup/cpu.max"))
-    virtual = re.search(r"^flags\s*:.*\bhypervisor\b", flags, re.MULTILINE) is not None
-    # Of each: its value, and whether it should be changed.
-    found: dict[str, tuple[str, bool]] = {
-        "kernel": (f"{platform.release()}, {'' if is_real_time else 'no '}PREEMPT_RT", not is_real_time),
-        "processors that may be used": (", ".join(map(str, allowed)), alone),
-        "processors set aside": (isolated or "none", not (isolated or alone)),
-        "frequency governor": (", ".join(governors) or NOT_TOLD, bool(set(governors) - {"performance"})),
-        "container's quota": (
-            f"{1e-3 * int(quota[1]):g} ms in {1e-3 * int(quota[2]):g} ms" if quota else "none, or not told",
-            quota is not None,
-        ),
-        "virtual machine": (NOT_TOLD if flags == NOT_TOLD else "yes" if virtual else "no", virtual),
-    }
-    told = {"user": os.environ.get("USER") or os.getuid(), "last": allowed[-1]}
-    return [Row(name, value, advice=ADVICE[name].format(**told) if bad else "") for name, (value, bad) in found.items()]
+    found = measure_wakeups(rate, QUICK_SECONDS, replace(wishes, lock_memory=False))
+    return "" if found.good else f"{found.verdict}; hhsim doctor tells more"

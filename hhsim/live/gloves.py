@@ -12,7 +12,6 @@ from hhsim.registry import Registry
 
 if TYPE_CHECKING:
     from hhsim.live.device import FingerRelease, GloveDevice
-    from hhsim.live.playback import Playback
 
 Hand = Literal["right", "left"]
 TAKES = ("limits", "forces")
@@ -65,8 +64,7 @@ class DexmoOptions(ReachedOptions):
     """Settings of a Dexmo at its vendor's server; "" is the default calibration."""
 
     port: int = setting(55555, "Port of the glove's server", "PORT", least=1, most=65535)
-    calibration: str = setting("", "Calibration of the glove: our TOML, or the vendor's JSON of profiles", "FILE")
-    profile: str = setting("", "Profile of a calibration file that holds several", "NAME")
+    calibration: str = setting("", "Calibration of the glove, a TOML file (docs/live.md has an example)", "FILE")
     device_id: int | None = setting(
         None, "The glove's number at its server. Default: the hand's first", "ID", least=0, most=2**31 - 1
     )
@@ -96,7 +94,7 @@ class GloveConfig:
     options: GloveOptions
     hand: Hand = "right"
     seed: int = 0
-    playback: "Playback | None" = None
+    playback: Any = None  # a `hhsim.live.drivers.played.Playback` for a glove that plays a motion
     calibration: Any = None
 
 
@@ -125,7 +123,7 @@ GLOVES: Registry[Glove] = Registry(
 
 
 def configure(
-    kind: str = "sim", *, hand: Hand = "right", seed: int = 0, playback: "Playback | None" = None, **settings: Any
+    kind: str = "sim", *, hand: Hand = "right", seed: int = 0, playback: Any = None, **settings: Any
 ) -> GloveConfig:
     """Configure a glove by its settings' names, and read its calibration; arguments as in `GloveConfig`.
 
@@ -183,6 +181,6 @@ class PoseConfig:
     # Pose of `fixed`, and first one of `keyboard` and `glove` [m], (w, x, y, z), world.
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
-    playback: "Playback | None" = None  # motion of `replay`; the same as the glove's keeps palm and fingers together
+    playback: Any = None  # motion of `replay`; the same as the glove's keeps palm and fingers together
     host: str = "127.0.0.1"  # sender of the packets of `udp`
     port: int = USUAL_POSE_PORT  # port at which they arrive

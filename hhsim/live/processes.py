@@ -239,7 +239,6 @@ class ChildProcess:
     """
 
     def __init__(self, name: str, module: str, setup: int, descriptors: Sequence[int]) -> None:
-        self.name = name
         self.reported = False
         self._output = os.memfd_create(f"hhsim-{name}-output")
         self._process = subprocess.Popen(

@@ -31,7 +31,11 @@ def by_name(counts: Iterable[int]) -> dict[str, int]:
 
 
 class TimeTaken(NamedTuple):
-    """Time between the deadlines of two ticks, beyond the sleep that was asked for [ns]."""
+    """Time between the deadlines of two ticks, beyond the sleep that was asked for [ns].
+
+    The cause is what took most: the most exact is taken out of `kept` first, the run delay, then the coarse steal, then
+    the device. The rest is woken late too: the system did not let the thread run, as for a stopped process.
+    """
 
     computed: int  # CPU time of the loop's own thread
     # wall time in which the thread neither ran nor slept as asked: wall less CPU time of its work, and both delays of
@@ -40,13 +44,3 @@ class TimeTaken(NamedTuple):
     run_delay: int  # part of `kept` in which the thread was ready and did not run
     steal: int  # time that the host of a virtual machine had the processor, mostly in steps of 10 ms
     device: int  # wall time of the calls to the glove and to the source of the palm's pose
-
-    def cause(self) -> MissCause:
-        """Return the cause that took most.
-
-        The most exact is taken out of `kept` first: the run delay, then the coarse steal, then the device. The rest is
-        woken late too: the system did not let the thread run, as for a stopped process or a page fault.
-        """
-        from hhsim.kernels.live.deadlines import cause_of
-
-        return MissCause(int(cause_of(*self)))

@@ -18,7 +18,8 @@ def interruptible_between() -> Iterator[Callable[[], None]]:
     A second Ctrl-C raises at once. Nothing changes outside of the main thread, where no signal arrives, or if Ctrl-C is
     ignored or has another handler.
     """
-    if not _is_usual():
+    is_main = threading.current_thread() is threading.main_thread()
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield lambda: None
         return
 
@@ -39,8 +40,3 @@ def interruptible_between() -> Iterator[Callable[[], None]]:
         yield check
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def _is_usual() -> bool:
-    is_main = threading.current_thread() is threading.main_thread()
-    return is_main and signal.getsignal(signal.SIGINT) is signal.default_int_handler

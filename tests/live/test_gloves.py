@@ -13,9 +13,9 @@ import pytest
 from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
 from hhsim.live.device import DeviceError, FingerRelease
+from hhsim.live.drivers.played import Playback
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device, open_release
-from hhsim.live.playback import Playback
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import OutputLimits, SafetyLimits
 from hhsim.motion.trajectory import Trajectory

@@ -107,8 +107,8 @@ def test_a_live_session_says_at_its_end_what_its_recording_says(tmp_path: Path, 
     told = [(0.1, FAULT, "the loop was killed"), (0.2, FAULT, "which the file cannot know")]
     outcome = SessionOutcome("SIGKILL", 0.7, 700, 0, LiveTally(), {}, DeviceCounters(), session.path, 700, notices=told)
     summary = importlib.import_module("hhsim.cli.live.summary")
-    assert summary.fault_counts(outcome) == recorded_faults(session)
-    assert summary.summary_json(outcome, "")["faults"] == 1
+    assert summary.judged(outcome)[0] == recorded_faults(session)
+    assert summary.summary_json(outcome)["faults"] == 1
 
 
 def test_levels_that_are_no_numbers_are_named(tmp_path: Path, ticks: np.ndarray) -> None:

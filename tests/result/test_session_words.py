@@ -2,6 +2,7 @@
 
 import pytest
 
+from hhsim.kernels.live.deadlines import cause_of
 from hhsim.result.miss_cause import MissCause, TimeTaken
 from hhsim.result.safety import Safety, free_counts
 
@@ -28,7 +29,7 @@ MS = 1_000_000
 def test_the_cause_is_what_took_most(
     computed: int, kept: int, run_delay: int, steal: int, device: int, cause: MissCause
 ) -> None:
-    assert TimeTaken(computed, kept, run_delay, steal, device).cause() is cause
+    assert cause_of(*TimeTaken(computed, kept, run_delay, steal, device)) == cause
 
 
 def test_every_reason_is_counted_and_the_other_hand_s_only_where_there_was_one() -> None:

@@ -14,7 +14,7 @@ import struct
 import time
 from collections import deque
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -36,7 +36,7 @@ from hhsim.live.gloves import DexmoOptions, GloveConfig
 from hhsim.live.tcp import TcpLink
 
 if TYPE_CHECKING:
-    from hhsim.live.drivers.calibration import GloveCalibration
+    from hhsim.recordings.dexmo_regression import DexmoRegression
 
 CHANNELS = (
     *("thumb_rotate", "thumb_split", "thumb_bend", "index_split", "index_bend", "middle_split", "middle_bend"),
@@ -162,7 +162,7 @@ def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequ
 
 
 class DexmoGlove(GloveDevice):
-    """One glove of a Dexmo server; its configuration has a `GloveCalibration` unless it is opened for release."""
+    """One glove of a Dexmo server; its configuration has a `DexmoRegression` unless it is opened for release."""
 
     _lost: DeviceError | None  # reason why the glove is gone; None while it is there
     _stiffness: list[float]
@@ -175,7 +175,7 @@ class DexmoGlove(GloveDevice):
         # Whole frames that were not read yet, each with CLOCK_MONOTONIC of its last byte [ns].
         self._waiting: deque[tuple[bytes, int]] = deque()
         self.counters = DeviceCounters()
-        self._calibration = cast("GloveCalibration", config.calibration)
+        self._calibration = cast("DexmoRegression", config.calibration)
         self._hand = config.hand
         self._device_id: int | None = None
         self._battery = UNKNOWN
@@ -266,20 +266,25 @@ class DexmoGlove(GloveDevice):
 
     def describe(self) -> None:
         """Set `info`, and what follows from the calibration."""
+        # A release alone needs none of these.
+        from hhsim.live.drivers.calibration import BENDS, doubtful_channels, hand_angles, in_counts
+
         calibration = self._calibration
-        counted = calibration.in_counts
+        self._hand_angles = partial(hand_angles, calibration)
+        counted = in_counts(calibration)
         # A server that sends counts still takes set points from 0 to 1.
-        low, high = (np.zeros(FINGER_COUNT), np.ones(FINGER_COUNT)) if counted else calibration.bend_ends()
-        self._bend_open, self._bend_span = low.tolist(), (high - low).tolist()
-        self._angles = calibration.regression.angles(calibration.regression.open)
+        low, high = (np.zeros(11), np.ones(11)) if counted else (calibration.open, calibration.closed)
+        self._bend_open, self._bend_span = low[BENDS].tolist(), (high - low)[BENDS].tolist()
+        self._angles = calibration.angles(calibration.open)
+        doubtful, kept_free = doubtful_channels(calibration)
         self.info = GloveInfo(
             name=self._link.name,
             channels=CHANNELS,
             capabilities=LIMITS,
             hand=self._hand,
             unit="count" if counted else "",
-            doubtful=calibration.doubtful,
-            kept_free=calibration.kept_free,
+            doubtful=doubtful,
+            kept_free=kept_free,
         )
 
     def _find(self, timeout: float) -> None:
@@ -395,7 +400,7 @@ class DexmoGlove(GloveDevice):
             self._battery = glove.battery if 0 <= glove.battery <= 100 else UNKNOWN
         readings = np.array(glove.channels)
         # Python's loop is faster than numpy's on eleven numbers with cold caches.
-        found = self._calibration.angles(readings) if all(map(math.isfinite, glove.channels)) else None
+        found = self._hand_angles(readings) if all(map(math.isfinite, glove.channels)) else None
         self._angles = found or self._angles
         self._write_sample(row, now, found is not None, readings, self._angles, battery=self._battery)
         return 1

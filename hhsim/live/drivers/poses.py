@@ -12,9 +12,9 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 from hhsim.live.device import GloveDevice, PalmReading
+from hhsim.live.drivers.played import ORIENTATION, POSITION
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.open_packet import MOST_LOOKED_AT, Kind, UdpPort
-from hhsim.live.playback import ORIENTATION, POSITION
 
 
 def _axes(*pairs: str) -> dict[str, FloatArray]:

@@ -39,6 +39,7 @@ from hhsim.kernels.live.loop import ASKS_PYTHON, DRIVERS, SystemFiles, run_loop
 from hhsim.kernels.live.plausibility import NOTES, WATCH, begin_watch
 from hhsim.kernels.parallel.thread_team import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock
+from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import open_device
@@ -54,7 +55,6 @@ from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import OneTick, SceneSolver, warm_up_hands
 from hhsim.solver.workspace import zeroed
-from hhsim.system.cpu_accounts import LINE_BYTES, CpuAccounts
 
 NEVER = 1 << 60
 """More periods than a session can miss."""
@@ -129,19 +129,6 @@ def watch_record(info: GloveInfo) -> Any:
     return watch
 
 
-def system_files(accounts: CpuAccounts, events: Sequence[int]) -> SystemFiles:
-    """Return the files of the system's accounts for compiled code, with the events that wake the loop and drivers."""
-    allowed = np.zeros(max(accounts.processors, default=0) + 1, np.bool_)
-    allowed[list(accounts.processors)] = True
-    return SystemFiles(
-        descriptors=np.array([accounts.schedule, accounts.stat, *events]),
-        line=np.zeros(LINE_BYTES, np.uint8),
-        lines=np.zeros(accounts.stat_bytes, np.uint8),
-        allowed=allowed,
-        step=np.array([accounts.steal_step_ns]),
-    )
-
-
 NO_FILES = SystemFiles(
     np.full(DRIVERS, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
 )
@@ -163,18 +150,8 @@ def whose_hands(setup: LiveSetup) -> list[str]:
 class LoopHand:
     """A hand of a loop: its records of `hhsim.kernels.live`, its row, its log; periods and misses are the loop's."""
 
-    def __init__(
-        self,
-        setup: LiveSetup,
-        worn: WornGlove,
-        memory: SessionMemory,
-        info: GloveInfo,
-        whose: str,
-        deadlines: Any,
-        misses: Any,
-    ) -> None:
-        self.memory = memory
-        period = setup.period_ns
+    def __init__(self, loop: "LiveLoop", worn: WornGlove, memory: SessionMemory, info: GloveInfo, whose: str) -> None:
+        self.memory, setup, period = memory, loop.setup, loop.setup.period_ns
         feels = not set(FORCES).isdisjoint(info.capabilities)
         self.rows: Any = zeroed(memory.ticks.records.dtype)
         rows = self.rows
@@ -183,12 +160,12 @@ class LoopHand:
         self.haptic = HapticBlock(*(rows[f"haptic_{name}"].view(np.ndarray) for name in HapticBlock._fields))
         self.live = tick.LiveArrays(
             loop=zeroed(tick.LOOP),
-            deadlines=deadlines,
+            deadlines=loop.deadlines,
             phase=zeroed(PHASE),
             interlock=interlock_record(setup.safety, dry_run=setup.dry_run, period_ns=period),
             commander=commander_record(setup.output, worn.bend_lines(), 1e-9 * period, feels=feels),
             watch=watch_record(info),
-            misses=misses,
+            misses=loop.misses,
             notes=zeroed(NOTES),
             refused=zeroed(REFUSED),
             status=memory.status_array.view(np.recarray),
@@ -222,12 +199,11 @@ class LiveLoop:
         self.setup = setup
         self.memory = memory
         self._now = now
-        deadlines = deadline_record(setup.period_ns, now())
-        self.misses = zeroed(MISSES)
+        self.deadlines, self.misses = deadline_record(setup.period_ns, now()), zeroed(MISSES)
         self._accounts: CpuAccounts | None = None
         options = loop_options(setup.options, setup.rate)
         each = zip(setup.worn, memory.hands, gloves, whose_hands(setup), strict=True)
-        self.hands = tuple(LoopHand(setup, *of, deadlines, self.misses) for of in each)
+        self.hands = tuple(LoopHand(self, *of) for of in each)
         first = self.hands[0]
         self.live, self.story, self.at = first.live, first.story, first.at
         self.one_tick, rows = OneTick(SceneSolver(setup.scene, options)), memory.bodies.records
@@ -283,6 +259,8 @@ class LiveLoop:
         compiled: Any = run_loop
         given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
         self._run = compiled.entry(*given) if JIT_ENABLED else run_loop
+        with contextlib.closing(CpuAccounts()) as accounts:
+            accounts.totals()
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
@@ -315,7 +293,7 @@ class LiveLoop:
         account_waking(misses, woke, 0, accounts.cpu_ns(), accounts.run_delay_ns())
         memories = [hand.memory for hand in self.hands]
         wake = [-1 if self.setup.dry_run else memory.wake for memory in memories]
-        files = system_files(accounts, [self.memory.sampled, *wake])
+        files = accounts.files(self.memory.sampled, *wake)
         for hand, memory in zip(self.hands, memories):
             hand.at.taken = memory.samples.written
             memory.populate()

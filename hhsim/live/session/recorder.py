@@ -16,7 +16,7 @@ import signal
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Self
@@ -150,11 +150,14 @@ class HandRecords:
     def part(self, described: Mapping[str, Any]) -> HandPart:
         """Return the hand of a file, whose scene is described."""
         setup, facts = self.setup, self.facts
+        # From bend to joint angle [rad].
+        lines = dict(zip(("slope", "offset"), (line.tolist() for line in self.worn.bend_lines()), strict=True))
+        limits = {name: asdict(getattr(setup, name)) for name in ("output", "safety", "real_time")}
         header: dict[str, str | int] = {
             "device": as_text(dict(facts.get("device", {}))),
             "real_time": as_text(facts.get("real_time", {})),
             "pose": str(facts.get("pose", "")),
-            "limits": as_text(setup.limits_json(self.worn)),
+            "limits": as_text({**limits, "bend": lines}),
             "dry_run": int(setup.dry_run),
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             **self.attributes(np.zeros(0), ""),

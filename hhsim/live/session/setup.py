@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -15,8 +15,8 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.live.device import FINGER_COUNT
+from hhsim.live.drivers.played import Playback
 from hhsim.live.gloves import GLOVES, POSES, GloveConfig, PoseConfig
-from hhsim.live.playback import Playback
 from hhsim.live.real_time import RealTimeWishes
 from hhsim.live.session.watchdog import WatchedGlove
 from hhsim.motion.trajectory import Trajectory
@@ -152,14 +152,6 @@ class LiveSetup:
         bare = (replace(worn.device, playback=None, calibration=None) for worn in self.worn)
         common = self.real_time, self.oldest_heartbeat_ns, self.supervisor
         return [WatchedGlove(device, *common, status, self.periods) for device, status in zip(bare, statuses)]
-
-    def limits_json(self, worn: WornGlove) -> dict[str, Any]:
-        """Return limits and requests as plain values, and a glove's lines from bend to joint angle [rad]."""
-        slope, offset = worn.bend_lines()
-        return {
-            **{name: asdict(getattr(self, name)) for name in ("output", "safety", "real_time")},
-            "bend": {"slope": slope.tolist(), "offset": offset.tolist()},
-        }
 
 
 class LiveScene(NamedTuple):

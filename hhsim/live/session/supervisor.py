@@ -47,12 +47,7 @@ Say = Callable[[str, int], None]
 """Called with a line of the log and its level."""
 
 LOOP, WATCHDOG, RECORDER, VIEWER = "loop", "watchdog", "recorder", "viewer"
-MODULES = {
-    LOOP: "hhsim.live.session.loop",
-    WATCHDOG: "hhsim.live.session.watchdog",
-    RECORDER: "hhsim.live.session.recorder",
-    VIEWER: "hhsim.live.session.viewer",
-}
+MODULES = {name: f"hhsim.live.session.{name}" for name in (LOOP, WATCHDOG, RECORDER, VIEWER)}
 
 LOOP_PATIENCE = 15.0
 """Time [s] that the loop has to end before SIGTERM, and again before SIGKILL: a busy machine may keep it waiting."""
@@ -101,13 +96,13 @@ def stop_signals() -> Iterator[Callable[[], str]]:
 class SessionOutcome:
     """Outcome of a session, of a hand; `facts` are those that the loop wrote (`SessionMemory.facts`)."""
 
-    reason: str
-    seconds: float  # duration of the loop
-    ticks: int
-    missed: int  # periods without a tick
-    tally: LiveTally
-    facts: dict[str, Any]
-    counters: DeviceCounters
+    reason: str = ""
+    seconds: float = 0.0  # duration of the loop
+    ticks: int = 0
+    missed: int = 0  # periods without a tick
+    tally: LiveTally = field(default_factory=LiveTally)
+    facts: dict[str, Any] = field(default_factory=dict)
+    counters: DeviceCounters = field(default_factory=DeviceCounters)
     record: Path | None = None  # file of the recording, with `recorded` ticks; it lacks `record_lost`
     recorded: int = 0
     record_lost: int = 0
@@ -146,13 +141,10 @@ class Supervisor:
         self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
         self._setups[WATCHDOG] = write_setup(*setup.for_watchdog(self.memory.descriptors))
         self._children: dict[str, ChildProcess] = {}
-        self._notices: list[tuple[float, int, str]] = []
-        self._reason = self._error = self._loop_failed = self._record_failed = self._fault_at_end = ""
-        self._watchdog_restarts = 0
+        self._outcome, self._ended = SessionOutcome(record=setup.record), False
         self._began = time.monotonic()
         self._loop_hangs = False
         self._processors = os.sched_getaffinity(0)
-        self._outcome: SessionOutcome | None = None
 
     def __enter__(self) -> Self:
         """Start all processes; HhsimError if one cannot be started, with none left running."""
@@ -205,30 +197,32 @@ class Supervisor:
                 continue
             child.reported = True
             if name == RECORDER:
-                self._record_failed = child.how_it_ended()
+                self._outcome.record_failed = child.how_it_ended()
             self._notice(f"the {name} {child.how_it_ended()}{loss}; the session goes on", WARNING)
         return True
 
     def request_stop(self, reason: str) -> None:
         """Request the loop to free the fingers and end; the first reason is kept."""
-        self._reason = self._reason or reason
+        self._outcome.reason = self._outcome.reason or reason
         self.memory.tell(stop_requested=-NOT_BY_THE_USER.get(reason, -1))
 
     def end(self, reason: str = "") -> SessionOutcome:
         """End all processes in order for a reason, if nothing else has ended the session; may be called again."""
-        if self._outcome is not None:
+        if self._ended:
             return self._outcome
-        self._reason = self._reason or reason
+        found = self._outcome
+        found.reason = found.reason or reason
         self._end_loop()
         if (recorder := self._children.get(RECORDER)) is not None:
             if not self._end_child(RECORDER, RECORDER_PATIENCE, lambda: "writes the rest"):
-                self._record_failed = self._record_failed or "the recorder did not end"
-            if recorder.code != 0 and not self._record_failed:
-                self._record_failed = recorder.last_line() or recorder.how_it_ended()
+                found.record_failed = found.record_failed or "the recorder did not end"
+            if recorder.code != 0 and not found.record_failed:
+                found.record_failed = recorder.last_line() or recorder.how_it_ended()
         self._end_child(VIEWER, VIEWER_PATIENCE, lambda: "shows the rest")
         self._end_child(WATCHDOG, WATCHDOG_PATIENCE, lambda: "frees the fingers once more")
         self._read_rings()
-        self._outcome = self._outcome_now()
+        self._complete()
+        self._ended = True
         for child in self._children.values():
             child.close()
         for descriptor in set(self._setups.values()):
@@ -262,7 +256,7 @@ class Supervisor:
         due = watchdog.began + RESTART_SECONDS
         if time.monotonic() >= due and self.memory.status["stop_requested"] == 0:
             watchdog.close()
-            self._watchdog_restarts += 1
+            self._outcome.watchdog_restarts += 1
             self._start(WATCHDOG)
 
     def _end_loop(self) -> None:
@@ -279,12 +273,12 @@ class Supervisor:
         requested = starting and loop.code == -signal.SIGTERM
         if not requested and (loop.code != 0 or self.stage != Stage.ENDED):
             died = loop.code is None or loop.code <= 0
-            self._loop_failed = f"the loop {loop.how_it_ended()}" if died else loop.last_line() or loop.how_it_ended()
-            self._reason = self._reason or self._loop_failed
-            self._error = self._loop_failed
+            failed = f"the loop {loop.how_it_ended()}" if died else loop.last_line() or loop.how_it_ended()
+            found = self._outcome
+            found.loop_failed, found.reason, found.error = failed, found.reason or failed, failed
             if died or status["ticks"]:
-                self._error = f"the session ended early: {self._loop_failed}"
-                self._notice(f"{self._loop_failed}; the watchdog frees the fingers", FAULT)
+                found.error = f"the session ended early: {failed}"
+                self._notice(f"{failed}; the watchdog frees the fingers", FAULT)
         if self.stage != Stage.ENDED:
             # The loop is dead. The watchdog stops at ENDED, and has to free the fingers before.
             until = time.monotonic() + RELEASE_PATIENCE
@@ -334,9 +328,9 @@ class Supervisor:
                 self._notice(text, level, silent=silent, before_end=event["time_ns"] < self.memory.status["ending_ns"])
 
     def _notice(self, text: str, level: int, *, silent: bool = False, before_end: bool = False) -> None:
-        self._notices.append((time.monotonic() - self._began, level, text))
+        self._outcome.notices.append((time.monotonic() - self._began, level, text))
         if level == FAULT and self.stage >= Stage.ENDING and not before_end:
-            self._fault_at_end = self._fault_at_end or text
+            self._outcome.fault_at_end = self._outcome.fault_at_end or text
         if silent:
             return
         try:
@@ -345,39 +339,28 @@ class Supervisor:
             # The terminal is gone; the session is ended in order all the same.
             self._say = lambda text, level: None
 
-    def _outcome_now(self) -> SessionOutcome:
-        status, setup = self.memory.status, self.setup
+    def _complete(self) -> None:
+        """Add to the outcome what the memory of the ended session says, of two hands for each."""
+        status, found = self.memory.status, self._outcome
         facts = [hand.facts.read() for hand in self.memory.hands]
-        if not self._record_failed and status["recorder_failed"]:
-            self._record_failed = "the recorder failed"
-        if self._record_failed and not self._error:
-            where = "" if setup.record is None else f" {setup.record}"
-            self._error = f"the recording{where} is not whole: {self._record_failed}"
-        common: dict[str, Any] = {
-            "reason": self._reason or str(facts[0].get("reason", "")) or "the loop ended",
-            "seconds": float((status["ticks"] + status["missed"]) / setup.rate),
-            "ticks": int(status["ticks"]),
-            "missed": int(status["missed"]),
-            "missed_by": by_name(status["missed_by"]),
-            "record": setup.record,
-            "recorded": int(status["recorder_ticks"]),
-            "record_lost": int(status["recorder_lost"]),
-            "record_failed": self._record_failed,
-            "notices": self._notices,
-            "watchdog_restarts": self._watchdog_restarts,
-            "loop_failed": self._loop_failed,
-            "error": self._error,
-            "fault_at_end": self._fault_at_end,
-        }
-        hands = [
-            SessionOutcome(
-                side=own.model.side,
+        if status["recorder_failed"]:
+            found.record_failed = found.record_failed or "the recorder failed"
+        if found.record_failed:
+            found.error = found.error or f"the recording {found.record} is not whole: {found.record_failed}"
+        found.reason = found.reason or str(facts[0].get("reason", "")) or "the loop ended"
+        found.ticks, found.missed = int(status["ticks"]), int(status["missed"])
+        found.seconds = (found.ticks + found.missed) / self.setup.rate
+        found.missed_by = by_name(status["missed_by"])
+        found.recorded, found.record_lost = int(status["recorder_ticks"]), int(status["recorder_lost"])
+        first, *others = [
+            replace(
+                found,
+                side=worn.model.side,
                 tally=tally,
                 facts=told,
                 counters=DeviceCounters(*map(int, hand.status["counters"])),
                 watchdog_releases=int(hand.status["watchdog_releases"]),
-                **common,
             )
-            for own, hand, tally, told in zip(setup.worn, self.memory.hands, self.tallies, facts, strict=True)
+            for worn, hand, tally, told in zip(self.setup.worn, self.memory.hands, self.tallies, facts, strict=True)
         ]
-        return replace(hands[0], beside=hands[1]) if len(hands) > 1 else hands[0]
+        self._outcome = replace(first, beside=others[0]) if others else first

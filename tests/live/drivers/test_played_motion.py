@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
+from hhsim.live.drivers.played import RETURN_TIME, Playback
 from hhsim.live.drivers.poses import make_pose_source, write_keyboard_pose
 from hhsim.live.gloves import PoseConfig, configure, open_device
-from hhsim.live.playback import RETURN_TIME, Playback
 from hhsim.live.processes import LIVE_STATUS, SharedBlock
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.dexmo_regression import DexmoRegression

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from live_scripted import FIST, FREE, Moment, ScriptedSession
 
+from hhsim.kernels.live import deadlines
 from hhsim.kernels.live.deadlines import LONG_STALL_NS
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.result.safety import Safety
@@ -37,6 +38,10 @@ class Planted(ScriptedSession):
     def only_miss(self) -> Any:
         (row,) = self.run().ticks[self.ticks["missed"] > 0]
         return row
+
+
+def test_the_causes_are_those_of_the_file() -> None:
+    assert (deadlines.COMPUTED, deadlines.WOKEN_LATE, deadlines.HOST, deadlines.DEVICE) == CAUSES
 
 
 @pytest.mark.parametrize(

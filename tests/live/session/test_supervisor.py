@@ -236,5 +236,5 @@ def test_a_terminal_that_is_gone_does_not_keep_the_session_from_ending(make: Mak
 
     session._say = gone
     with session:
-        run(session, lambda: session.end is not None and session._watchdog_restarts > 0)
+        run(session, lambda: session.end is not None and session._outcome.watchdog_restarts > 0)
     assert session.end().loop_failed == ""

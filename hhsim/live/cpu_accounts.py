@@ -5,11 +5,13 @@ import os
 import time
 from pathlib import Path
 
-STEAL_COLUMN = 8
-"""Column of a processor's line in /proc/stat, its name being column 0 (proc(5))."""
+import numpy as np
+
+from hhsim.kernels.live.deadlines import UNKNOWN, read_run_delay, read_steal
+from hhsim.kernels.live.loop import SystemFiles
+
 LINE_BYTES = 256
 """Longest line of /proc/stat [byte]."""
-UNKNOWN = -1
 
 
 class CpuAccounts:
@@ -21,14 +23,25 @@ class CpuAccounts:
     """
 
     def __init__(self, cpu: int | None = None, proc: Path = Path("/proc")) -> None:
-        self.processors = tuple(sorted(os.sched_getaffinity(0))) if cpu is None else (cpu,)
-        self._names = frozenset(f"cpu{number}".encode() for number in self.processors)
+        self.processors = sorted(os.sched_getaffinity(0)) if cpu is None else [cpu]
         self.stat = _opened(proc / "stat")
         # The path names the thread that opens it, and the descriptor stays with that one.
         self.schedule = _opened(proc / "thread-self" / "schedstat")
-        # The lines of the processors come first, that of all together before them.
-        self.stat_bytes = LINE_BYTES * ((os.cpu_count() or 1) + 1)
         self.steal_step_ns = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+        self._files = self.files()
+
+    def files(self, *events: int) -> SystemFiles:
+        """Return the files for compiled code, with room of its own, and the events that wake the loop and drivers."""
+        allowed = np.zeros(max(self.processors, default=0) + 1, np.bool_)
+        allowed[self.processors] = True
+        return SystemFiles(
+            descriptors=np.array([self.schedule, self.stat, *events]),
+            line=np.zeros(LINE_BYTES, np.uint8),
+            # The lines of the processors come first, that of all together before them.
+            lines=np.zeros(LINE_BYTES * ((os.cpu_count() or 1) + 1), np.uint8),
+            allowed=allowed,
+            step=np.array([self.steal_step_ns]),
+        )
 
     def cpu_ns(self) -> int:
         """Return the CPU time of the calling thread [ns]."""
@@ -36,22 +49,15 @@ class CpuAccounts:
 
     def run_delay_ns(self) -> int:
         """Return the time for which the thread was ready and did not run, since it began [ns], or `UNKNOWN`."""
-        text = _read(self.schedule, LINE_BYTES)
-        try:
-            return int(text.split()[1])
-        except (IndexError, ValueError):
-            return UNKNOWN
+        return int(read_run_delay(self.schedule, self._files.line))
 
     def steal_ns(self) -> int:
         """Return the time that the host of a virtual machine took, since its start [ns], or `UNKNOWN`."""
-        ticks, found = 0, False
-        for line in _read(self.stat, self.stat_bytes).splitlines():
-            fields = line.split()
-            if fields and fields[0] in self._names and len(fields) > STEAL_COLUMN:
-                ticks, found = ticks + int(fields[STEAL_COLUMN]), True
-            elif found and not line.startswith(b"cpu"):
-                break
-        return ticks * self.steal_step_ns if found else UNKNOWN
+        return int(read_steal(self.stat, self._files.lines, self._files.allowed, self.steal_step_ns))
+
+    def totals(self) -> tuple[int, int]:
+        """Return `run_delay_ns` and `steal_ns`; the first call loads the kernels that read them."""
+        return self.run_delay_ns(), self.steal_ns()
 
     def close(self) -> None:
         """Close the descriptors; may be called twice."""
@@ -62,22 +68,8 @@ class CpuAccounts:
         self.stat = self.schedule = UNKNOWN
 
 
-def risen(before: int, after: int) -> int:
-    """Return the increase of an account; 0 if one of the readings is `UNKNOWN`."""
-    return max(0, after - before) if before >= 0 and after >= 0 else 0
-
-
 def _opened(path: Path) -> int:
     try:
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
         return UNKNOWN
-
-
-def _read(descriptor: int, most: int) -> bytes:
-    if descriptor < 0:
-        return b""
-    try:
-        return os.pread(descriptor, most, 0)
-    except OSError:
-        return b""
