@@ -14,14 +14,11 @@ from hhsim.recordings.content import ZIP, stated_hand
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.correction import Changes, Correction, changes
-from hhsim.recordings.frames import FileFrame, axes_matrix, turned
+from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note
-from hhsim.result.reader import Result
-from hhsim.result.stored_hand import result_hand
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
-from hhsim.system.output_path import check_output_path
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
@@ -44,9 +41,8 @@ class RecordingFormat:
     # Function that returns the content of the file with a recording of it corrected; nothing else in it changes, and
     # changes of angles are in its unit. None for a format that is not written back.
     write: Callable[[Content, ReadOptions, Recording, Changes], bytes] | None = None
-    # Function that returns the content of a new file of a suffix. None for a format in which none is made.
+    # Function that returns the content of a new file of one of `NEW_SUFFIXES`. None for a format in which none is made.
     make: Callable[[str, HandMotion], bytes] | None = None
-    made: tuple[str, ...] = ()  # suffixes that `make` takes
     # Function that returns the MANO model's parameters in every sample, for the skin; None for a format without.
     mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
 
@@ -190,7 +186,9 @@ def write_recording(
         # The stamps of a new file are those of the old one.
         motion = HandMotion(recording.time + recording.first_stamp, joints, correction.posture, recording.hand)
         form = "keypoints" if recording.joints is not None else suffix[1:]
-        write_atomically(target, exported(form, suffix, motion))
+        make = recording_formats()[form].make
+        assert make is not None
+        write_atomically(target, make(suffix, motion))
         return None
     with named(source):
         content = Content.of_recording(source)
@@ -239,28 +237,3 @@ def read_new_file(path: Path, recording: Recording) -> Recording:
 def _axes(recording: Recording) -> FileFrame:
     """Return the axes of the recording's file, in metres, right-handed also where the file is not."""
     return FileFrame(recording.file_frame.turn)
-
-
-def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
-    """Return the content of a new file of a format; InputError if none is made, or for another suffix."""
-    makers = {name: (each.make, each.made) for name, each in recording_formats().items() if each.make is not None}
-    if form not in makers:
-        raise UnknownNameError("format", form, makers)
-    make, suffixes = makers[form]
-    if suffix.lower() not in suffixes:
-        raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
-    return make(suffix.lower(), motion)
-
-
-def export_recording(result: Result, form: str, path: Path) -> int:
-    """Write the graphic hand of each tick, in the world, as a recording of a format; return the number of ticks.
-
-    Raises InputError as `exported`; OutputError for a file that cannot be written.
-    """
-    check_output_path(path)
-    hand = result_hand(result)
-    posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
-    wrist = posture.position + turned(posture.orientation, hand.wrist)
-    joints = np.concatenate([wrist[:, None], result["graphic/joints"].reshape(-1, 20, 3)], axis=1)
-    write_atomically(path, exported(form, path.suffix, HandMotion(result["time"], joints, posture, hand.side)))
-    return len(joints)

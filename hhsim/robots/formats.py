@@ -353,7 +353,7 @@ def write_urdf(found: RobotSpheres) -> bytes:
             geometry = ElementTree.SubElement(collision, "geometry")
             ElementTree.SubElement(geometry, "sphere", radius=digits(radius))
     ElementTree.indent(root)
-    return ElementTree.tostring(root, "utf-8", xml_declaration=True) + b"\n"
+    return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, "unicode")}\n'.encode()
 
 
 def read_urdf_spheres(path: Path) -> Spheres:

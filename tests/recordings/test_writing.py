@@ -12,7 +12,7 @@ from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample
 from recorded_files import CASES, COUNT, GOLDEN, Case, keypoints_csv, laid_out
 
-from hhsim.errors import InputError, OutputError, UnknownNameError
+from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
@@ -25,7 +25,6 @@ from hhsim.recordings.registry import (
     NEW_SUFFIXES,
     Content,
     ReadOptions,
-    exported,
     format_of,
     read_content,
     read_new_file,
@@ -251,7 +250,9 @@ def test_our_own_files(suffix: str, tmp_path: Path) -> None:
 def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: dict[str, Any], side: Any) -> None:
     sample = joint_sample(side)
     motion, joints = sample.motion, sample.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
-    data = exported(form, suffix, HandMotion(motion.time, joints, HandConfiguration.of(motion), side))
+    make = recording_formats()[form].make
+    assert make is not None
+    data = make(suffix, HandMotion(motion.time, joints, HandConfiguration.of(motion), side))
     content = Content(data=data)
     assert format_of(content, ReadOptions()).name == form
     again = read_content(content, ReadOptions(hand=side, **options))
@@ -262,14 +263,6 @@ def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: di
     else:
         assert np.allclose(again.joints, joints, atol=1e-15)
         assert np.allclose(again.flexion, motion.flexion, atol=1e-6)
-
-
-def test_an_export_of_another_kind_is_refused() -> None:
-    motion = HandMotion(SAMPLE.motion.time, np.zeros((40, 21, 3)), HandConfiguration.of(SAMPLE.motion), "right")
-    with pytest.raises(UnknownNameError, match=r"unknown format 'bvh': .*keypoints"):
-        exported("bvh", ".bvh", motion)
-    with pytest.raises(InputError, match=r"does not end in '\.json'; expected \.npz or \.csv"):
-        exported("keypoints", ".json", motion)
 
 
 READ_ALONE = (

@@ -177,8 +177,6 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert run("verify", "free-result.h5").code == 0
     scored = run("score", "free.npz", "--recorded", "grasp.npz", *words[:-2], "--json")
     assert json.loads(scored.out)["depth_joints_max"]["after"] == 0.0
-    exported = run("export", "free-result.h5", "hand.npz", "--as", "keypoints")
-    assert exported.code == 0 and "12 ticks as keypoints" in exported.out
 
 
 def test_an_option_that_is_not_used_is_refused(run: Run, tmp_path: Path) -> None:

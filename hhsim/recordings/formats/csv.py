@@ -109,5 +109,4 @@ FORMAT = RecordingFormat(
     takes_columns=True,
     write=_write,
     make=_make,
-    made=(CSV_SUFFIX,),
 )

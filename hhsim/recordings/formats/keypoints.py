@@ -238,5 +238,4 @@ FORMAT = RecordingFormat(
     _read,
     write=_write,
     make=_make,
-    made=(".npz", ".csv"),
 )

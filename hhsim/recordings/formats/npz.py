@@ -134,5 +134,4 @@ FORMAT = RecordingFormat(
     _read,
     write=_write,
     make=_make,
-    made=(".npz",),
 )
