@@ -33,9 +33,8 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import SESSION_FAULTS
 from hhsim.recordings import outliers
-from hhsim.recordings.cleaning import MOST_DROPPED
+from hhsim.recordings.cleaning import JOINT, MOST_DROPPED, ORIENTATION, POSITION
 from hhsim.recordings.dexmo_regression import LEAST_SPAN
-from hhsim.recordings.outliers import JOINT, ORIENTATION, POSITION
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ONSET, TREMOR, ReplaySummary
 from hhsim.replay.summary_table import short_table

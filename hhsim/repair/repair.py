@@ -20,11 +20,11 @@ from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, 
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
+from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
-from hhsim.recordings.outliers import suspect_joints
 from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,

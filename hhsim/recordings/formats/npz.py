@@ -17,7 +17,7 @@ from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.content import ZIP, Content, ReadOptions
 from hhsim.recordings.correction import Changes
-from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
+from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
@@ -67,7 +67,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         axes = OURS
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
-    position, orientation = to_our_frames(position, orientation, axes, up, options.mirror)
+    file_frame = FileFrame.of(up, options.mirror)
+    position, orientation = file_frame.poses(position, orientation, axes)
     poses = poses_in(arrays, count, options, order=options.pose_order or "wxyz", strict=True)
     rows = {name: arrays[name] for name in (turn, *(poses.names if poses is not None else ()))}
     plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
@@ -89,7 +90,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        file_frame=FileFrame.of(up, options.mirror),
+        file_frame=file_frame,
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
