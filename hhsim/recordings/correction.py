@@ -66,7 +66,7 @@ class Changes(NamedTuple):
     turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
     centre: FloatArray  # palm origin of the fitted hand, shape (N, 3)
     move: FloatArray  # displacement of the palm origin, shape (N, 3)
-    angles: FloatArray  # change of flexion finger by finger, then abduction, shape (N, 20)
+    angles: FloatArray  # change of flexion finger by finger, then abduction [unit of the file], shape (N, 20)
     digits: int  # decimals of a length in a text that hold 1 µm
 
     def moved(self, joint: str, points: FloatArray) -> FloatArray:
@@ -111,6 +111,6 @@ def changes(recording: Recording, correction: Correction) -> Changes:
         turn=frame.rotation_to_file(correction.rotation[samples]),
         centre=frame.to_file(fitted.position),
         move=frame.to_file(posture.position - fitted.position),
-        angles=np.concatenate([flexion, posture.abduction - fitted.abduction], axis=1),
+        angles=np.concatenate([flexion, posture.abduction - fitted.abduction], axis=1) / recording.angle_unit,
         digits=max(0, int(np.ceil(6.0 + np.log10(frame.metre) - 1e-9))),
     )

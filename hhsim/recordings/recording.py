@@ -154,6 +154,7 @@ class Recording:
     # missing, shape (T, 21, 3); None if the file holds angles.
     joints: FloatArray | None = None
     file_frame: FileFrame = field(default_factory=FileFrame)  # coordinates of the file's joints or palm
+    angle_unit: float = 1.0  # unit of the file's angles [rad]
     # Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     first_stamp: float = 0.0  # stamp of the file [s] at which `time` is zero

@@ -15,7 +15,8 @@ from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.correction import Changes, Correction, changes
 from hhsim.recordings.frames import FileFrame, axes_matrix
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
+from hhsim.recordings.joint_positions import JointPositions as JointPositions
+from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
@@ -197,30 +198,16 @@ def write_recording(
         if correction.changed.any():
             assert kind.write is not None
             made = changes(recording, correction)
-            if recording.joints is None:
-                made = made._replace(angles=made.angles / _angle_unit(recording, _read(kind, content, options)))
             data = content.packed_with(kind.write(content, options, recording, made))
         if recording.joints is not None:
             again = _read(kind, Content.of_recording(source, data), replace(options, fits_angles=False))
             assert again.joints is not None
-            found = again.file_frame.to_file(again.joints[_places(recording, again)])
+            place = {row: k for k, row in enumerate(again.rows.tolist())}
+            found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])
             apart = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
             off = float(apart[np.isfinite(apart)].max(initial=0.0))
     write_atomically(target, data)
     return off
-
-
-def _places(recording: Recording, again: Recording) -> list[int]:
-    """Return the samples of the file, as read again, of which the recording's are."""
-    place = {row: k for k, row in enumerate(again.rows.tolist())}
-    return [place[row] for row in recording.rows.tolist()]
-
-
-def _angle_unit(recording: Recording, again: Recording) -> float:
-    """Return the unit [rad] of the angles of a file: ratio of a recording's angles to those as read again."""
-    read = again.angles[_places(recording, again)]
-    known = np.isfinite(read) & (np.abs(read) > 0.0)
-    return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0
 
 
 def read_new_file(path: Path, recording: Recording) -> Recording:

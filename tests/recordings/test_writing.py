@@ -33,6 +33,7 @@ from hhsim.recordings.registry import (
     repaired_suffix,
     write_recording,
 )
+from hhsim.recordings.unit_detection import clean_units
 from hhsim.system.checksummed_file import seal_holds
 
 SAMPLE = joint_sample()
@@ -235,6 +236,16 @@ def test_our_own_files(suffix: str, tmp_path: Path) -> None:
         assert seal_holds(out) and load_trajectory(out).name == load_trajectory(path).name
     write_recording(path, options, recording, a_correction(recording, changed=slice(0)), out)
     assert out.read_bytes() == path.read_bytes()
+
+
+def test_changes_of_angles_are_in_the_unit_of_the_file(tmp_path: Path) -> None:
+    path, out, motion = tmp_path / "take.npz", tmp_path / "new.npz", SAMPLE.motion
+    degrees = {"flex": np.degrees(motion.flexion), "abd": np.degrees(motion.abduction)}
+    path.write_bytes(arrays_npz(t=motion.time, wrist_pos=motion.position, wrist_quat=motion.orientation, **degrees))
+    recording = clean_units(read_recording(path))
+    correction = a_correction(recording)
+    write_recording(path, ReadOptions(), recording, correction, out)
+    same_motion(clean_units(read_recording(out)), recording, correction, atol=1e-12)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

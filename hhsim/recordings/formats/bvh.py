@@ -22,10 +22,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, chosen_side, note
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
 MOST_JOINTS = 2_000
@@ -302,14 +300,8 @@ def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
 
 def side_of(name: str) -> HandSide:
     """Return the side in a joint's name, or ""."""
-    plain = name.rsplit(":", 1)[-1]
-    said = next((side for word in _words(plain) for side in SIDES if word.startswith(side)), None)
-    if said is not None:
-        return said
-    match = re.match(r"([rlRL])(?=[A-Z_])", plain) or re.search(r"[ ._-]([rlRL])(?=$|[ ._-])", plain)
-    if match is None:
-        return ""
-    return "right" if match.group(1) in "rR" else "left"
+    words = _words(name.rsplit(":", 1)[-1])
+    return next((side for word in words for side in SIDES if word == side[0] or word.startswith(side)), "")
 
 
 def finger_of(name: str) -> str:

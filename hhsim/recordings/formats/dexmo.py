@@ -13,10 +13,9 @@ from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
-from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
 from hhsim.recordings.recording import Recording, unreadable
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5

@@ -31,10 +31,9 @@ from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
 from hhsim.recordings.correction import Changes
 from hhsim.recordings.formats.keypoints import joints_of_array
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}

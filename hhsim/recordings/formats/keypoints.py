@@ -38,10 +38,9 @@ from hhsim.recordings.joint_arrays import (
     row_names,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 COUNT = len(KEYPOINTS)

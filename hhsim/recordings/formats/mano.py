@@ -29,11 +29,10 @@ from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.correction import Changes
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
