@@ -81,7 +81,7 @@ def command(
     RECORDING is a file of one of the formats of hhsim import (docs/recordings.md). What comes out has the same format,
     frames and stamps; a frame that needs no repair is as it was. Of a format that is read and not written (mcap, leap,
     umetrack, aria, webxr, dexmo) it is an .npz or a .csv of the joints. Beside it lie a report (-report.html) and a
-    result (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml, or a .csv with a column recording) names
+    result (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml) names
     many recordings; it resumes where it was stopped (docs/repair.md).
 
     \b
@@ -97,9 +97,8 @@ def command(
         return _follow(recording, thing, limits, reading, out)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
-    from hhsim.sweep.repair_manifest import is_manifest
 
-    is_many = is_manifest(recording)
+    is_many = recording.suffix.lower() == ".toml"
     if is_many:
         refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
         return _many(recording, out, jobs or 0, scheduler, limits.pictures == "all", printing)
