@@ -48,9 +48,6 @@ class RepairLimits(OptionGroup, heading="Repair"):
     """Hand and limits of the repair; `max_correction` in [mm]."""
 
     hand_file: Path | None = option("Hand of a recording of angles. Default: the usual one.", "TOML")
-    skin: Path | None = option(
-        "Skin of the hand: vertices (T, V, 3) and faces (F, 3). Default: the MANO model's, else our hand's.", "NPZ"
-    )
     palm: Literal["fitted", "thin", "none"] = option(
         "Palm that stays outside: fitted to the recorded hand, half as thick, or none.", default="fitted"
     )
@@ -103,8 +100,8 @@ def command(
         refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
         return _many(recording, out, jobs or 0, scheduler, limits.pictures == "all", printing)
     refuse_typed(f"is for a manifest; {recording} is one recording", names=OF_MANY)
-    if limits.hands == "both" and (reading.hand or limits.skin):
-        raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
+    if limits.hands == "both" and reading.hand:
+        raise click.UsageError("--hand is of one hand, and --hands both repairs two")
     if thing.object is None:
         raise click.UsageError(NO_OBJECT)
     given = vars(reading.options(data.given())) | {"hand": None, "mano_model": None}
@@ -119,7 +116,6 @@ def command(
         unit=thing.unit,
         size=metres(thing.size),
         max_correction=1e-3 * limits.max_correction,
-        skin=limits.skin,
         palm=limits.palm,
         pictures=limits.pictures != "none",
         options={name: value for name, value in given.items() if value is not None},

@@ -17,8 +17,8 @@ Of the keys of a recording the first two are required::
     time_limit = 3600.0                     # of the repair of one recording [s]
 
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
-world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim
-repair`. Files are relative to the manifest's folder.
+world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode. Files are relative to the
+manifest's folder.
 
 A row is repaired in whatever process; outcome.json, written last, is what its folder keeps of it.
 """
@@ -90,7 +90,6 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     pose_order: Literal["wxyz", "xyzw"] | None = None
     pose_unit: Literal["m", "cm", "mm"] | None = None
     mano_pose: Annotated[str, one_of(READINGS)] | None = None
-    skin: _TEXT | None = None
     profile: _TEXT | None = None
     episode: Annotated[int, between(0, 2**63 - 1)] | None = None
 
@@ -215,7 +214,6 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures:
         unit=row.unit,
         size=None if row.size_mm is None else 1e-3 * row.size_mm,
         max_correction=1e-3 * row.max_correction_mm,
-        skin=file("skin"),
         palm=row.palm,
         pictures=pictures,
         options=options,
