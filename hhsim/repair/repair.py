@@ -21,7 +21,6 @@ from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.cleaning import suspect_joints
-from hhsim.recordings.correction import Correction
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
@@ -29,6 +28,7 @@ from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,
     Content,
+    Correction,
     ReadOptions,
     check_target,
     format_of,
@@ -105,7 +105,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, read)
     recording, recorded, touched, skin = prepared(request, read, recording, bodies, skin_of)
     check_target(request.recording, recording, request.out)
-    scene, hand, began = recorded.scene, recorded.hand, process_time()
+    scene, began = recorded.scene, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
     took = process_time() - began

@@ -15,9 +15,9 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
-from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
+from hhsim.recordings.registry import BONES, Correction, moved_joints
 
 BLOCK_FRAMES = 64
 """Frames whose vertices are moved at once."""

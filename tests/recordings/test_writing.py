@@ -18,13 +18,13 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.pickled_data import flat
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.correction import changes
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
 from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,
     Content,
     ReadOptions,
+    changes,
     format_of,
     read_content,
     read_new_file,

@@ -17,10 +17,9 @@ from hhsim.motion.csv_file import (
 from hhsim.motion.csv_table import NewColumn, Table, read_table
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import mapped
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.recording import MOTION, SIDES, HandMotion, Recording, note, unreadable, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import ANGLE_DIGITS, Changes, Content, ReadOptions, RecordingFormat
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:

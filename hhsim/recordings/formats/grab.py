@@ -28,12 +28,11 @@ from hhsim.motion.npz_arrays import array_names, npz_with, read_npy
 from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.formats.keypoints import joints_of_array
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import JointPositions, RecordingFormat
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}

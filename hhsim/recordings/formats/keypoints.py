@@ -23,7 +23,6 @@ from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, 
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_arrays import (
     ORDERS,
     beside_points,
@@ -40,7 +39,7 @@ from hhsim.recordings.joint_arrays import (
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
-from hhsim.recordings.registry import JointPositions, RecordingFormat
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 COUNT = len(KEYPOINTS)

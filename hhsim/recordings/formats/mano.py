@@ -28,11 +28,10 @@ from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
-from hhsim.recordings.registry import JointPositions, RecordingFormat
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10

@@ -16,13 +16,12 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.content import ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Changes, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
 """Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
