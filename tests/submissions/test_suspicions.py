@@ -19,7 +19,7 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission
 from hhsim.submissions.scene_folder import example_submission
-from hhsim.submissions.suspicions import _free, require_scene, suspicions
+from hhsim.submissions.score import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
 
 Arrays = dict[str, Any]
