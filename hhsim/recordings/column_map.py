@@ -154,13 +154,6 @@ def read_column_map(path: Path) -> ColumnMap:
     return read_settings(path, ColumnMap, "mapping of columns")
 
 
-def stamp_columns(table: Table, column: TimeColumn) -> StampColumns:
-    """Return a table's column of stamps, with the one that holds their fractions of a second if there is one."""
-    found, unit = time_column(table.header), column.unit or "s"
-    whole = found is not None and found.fraction and (found.name, "s") == (column.column, unit)
-    return found if found is not None and whole else StampColumns(column.column, unit)
-
-
 def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collection[str] = ()) -> Recording:
     """Make the recording of a table, with the object whose pose is in its columns.
 
@@ -180,7 +173,10 @@ def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collect
 
     stamp_names: tuple[str, ...] = ()
     if columns.time is not None:
-        stamps = stamp_columns(table, columns.time)
+        found, stamps = time_column(table.header), StampColumns(columns.time.column, columns.time.unit or "s")
+        # Seconds may stand beside a column of what is left of one.
+        if found is not None and found.fraction and (found.name, "s") == stamps[:2]:
+            stamps = found
         stamp_names = stamps.names
         if stamps.fraction:
             findings.append(note(f"stamps from columns {' and '.join(stamp_names)}"))

@@ -289,7 +289,8 @@ def write_recording(
     source, target, frame = Path(path), Path(out), recording.file_frame
     check_target(source, recording, target)
     if not recording.is_written_back:
-        suffix, joints = target.suffix.lower(), _axes(recording).to_file(correction.joints)
+        # Right-handed and in metres, also where the file is not.
+        suffix, joints = target.suffix.lower(), FileFrame(frame.turn).to_file(correction.joints)
         # The stamps of a new file are those of the old one.
         motion = HandMotion(recording.time + recording.first_stamp, joints, correction.posture, recording.hand)
         form = "keypoints" if recording.joints is not None else suffix[1:]
@@ -324,9 +325,4 @@ def read_new_file(path: Path, recording: Recording) -> Recording:
     options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
     again = read_recording(path, options)
     assert again.joints is not None
-    return recording.changed(joints=_axes(recording).to_world(again.joints))
-
-
-def _axes(recording: Recording) -> FileFrame:
-    """Return the axes of the recording's file, in metres, right-handed also where the file is not."""
-    return FileFrame(recording.file_frame.turn)
+    return recording.changed(joints=FileFrame(recording.file_frame.turn).to_world(again.joints))

@@ -22,11 +22,6 @@ MOST_NORMALISED = 1.5
 """Larger channels are raw counts."""
 
 
-def has_dexmo_channels(header: tuple[str, ...]) -> bool:
-    """True if a table has all eleven channels."""
-    return set(CHANNELS) <= {ALIAS.get(name, name) for name in header}
-
-
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table of channels; InputError for raw counts without a calibration."""
     table = read_table(content.text)
@@ -57,6 +52,8 @@ FORMAT = RecordingFormat(
     "dexmo",
     "a table of a Dexmo glove's eleven channels",
     (CSV_SUFFIX,),
-    lambda content, options: options.columns is None and has_dexmo_channels(content.header),
+    lambda content, options: (
+        options.columns is None and {*CHANNELS} <= {ALIAS.get(name, name) for name in content.header}
+    ),
     _read,
 )
