@@ -91,10 +91,6 @@ def lag(ticks: int) -> Damage:
     return rows(lambda a: a[np.clip(np.arange(len(a)) - ticks, 0, len(a) - 1)], HandConfiguration._fields)
 
 
-def poses(position: Change, orientation: Change) -> Damage:
-    return lambda a: {"position": position(a["position"]), "orientation": orientation(a["orientation"])}
-
-
 def a_number(name: str, tick: int, value: float) -> Damage:
     return put(name, lambda a: np.where((np.arange(len(a)) == tick).reshape(-1, *[1] * (a.ndim - 1)), value, a))
 
