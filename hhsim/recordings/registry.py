@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -148,10 +148,10 @@ class RecordingFormat:
     # Function that returns the content of the file with a recording of it corrected; nothing else in it changes, and
     # changes of angles are in its unit. None for a format that is not written back.
     write: Callable[[Content, ReadOptions, Recording, Changes], bytes] | None = None
-    # Function that returns the content of a new file of one of `NEW_SUFFIXES`. None for a format in which none is made.
+    # Function that returns the content of a new file of a suffix of `NEW_SUFFIXES`; None for a format without.
     make: Callable[[str, HandMotion], bytes] | None = None
-    # Function that returns the MANO model's parameters in every sample, for the skin; None for a format without.
-    mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
+    # Function that returns the MANO model of a hand and its parameters in every sample, for the skin; None without.
+    mano: Callable[[Content, ReadOptions], tuple[Any, ...]] | None = None
 
 
 def recording_formats() -> dict[str, RecordingFormat]:

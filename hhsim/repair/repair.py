@@ -22,7 +22,6 @@ from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
-from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
@@ -315,8 +314,10 @@ def _skin(path: Path, read: ReadOptions, recording: Recording) -> Skin | None:
     mano = format_of(content, read).mano
     if mano is None or read.mano_model is None:
         return None
-    model = read_mano_model(read.mano_model)
-    return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
+    model, rotation, pose, translation, betas = mano(content, read)
+    if not len(model.faces):
+        return None
+    return mano_skin(model, rotation, pose, translation, betas, recording.file_frame)
 
 
 def _draw(
