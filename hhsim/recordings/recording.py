@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, as_numbers
@@ -230,17 +229,6 @@ class Recording:
     def with_angles(self, angles: FloatArray) -> Self:
         """Return it with other `angles`."""
         return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
-
-
-@dataclass(frozen=True, eq=False)
-class HandMotion:
-    """Motion of a hand to be written as a new recording."""
-
-    time: FloatArray  # increasing stamps [s], shape (T,)
-    # Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
-    joints: FloatArray
-    configuration: HandConfiguration  # our hand in the world
-    side: HandSide  # side of the hand
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")

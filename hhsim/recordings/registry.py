@@ -22,7 +22,7 @@ from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.recording import Finding, HandMotion, Recording, note
+from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -149,7 +149,7 @@ class RecordingFormat:
     # changes of angles are in its unit. None for a format that is not written back.
     write: Callable[[Content, ReadOptions, Recording, Changes], bytes] | None = None
     # Function that returns the content of a new file of a suffix of `NEW_SUFFIXES`; None for a format without.
-    make: Callable[[str, HandMotion], bytes] | None = None
+    make: Callable[[str, Recording], bytes] | None = None
     # Function that returns the MANO model of a hand and its parameters in every sample, for the skin; None without.
     mano: Callable[[Content, ReadOptions], tuple[Any, ...]] | None = None
 
@@ -292,11 +292,11 @@ def write_recording(
         # Right-handed and in metres, also where the file is not.
         suffix, joints = target.suffix.lower(), FileFrame(frame.turn).to_file(correction.joints)
         # The stamps of a new file are those of the old one.
-        motion = HandMotion(recording.time + recording.first_stamp, joints, correction.posture, recording.hand)
+        given = correction.posture._asdict() | {"time": recording.time + recording.first_stamp, "joints": joints}
         form = "keypoints" if recording.joints is not None else suffix[1:]
         make = recording_formats()[form].make
         assert make is not None
-        write_atomically(target, make(suffix, motion))
+        write_atomically(target, make(suffix, recording.changed(**given)))
         return None
     with named(source):
         content = Content.of_recording(source)

@@ -19,7 +19,6 @@ from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.pickled_data import flat
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
-from hhsim.recordings.recording import HandMotion
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,
     Content,
@@ -263,7 +262,7 @@ def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: di
     motion, joints = sample.motion, sample.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
     make = recording_formats()[form].make
     assert make is not None
-    data = make(suffix, HandMotion(motion.time, joints, HandConfiguration.of(motion), side))
+    data = make(suffix, motion.changed(joints=joints))
     content = Content(data=data)
     assert format_of(content, ReadOptions()).name == form
     again = read_content(content, ReadOptions(hand=side, **options))

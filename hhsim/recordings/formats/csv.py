@@ -18,7 +18,7 @@ from hhsim.motion.csv_table import NewColumn, Table, read_table
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.recording import MOTION, SIDES, HandMotion, Recording, note, unreadable, unused
+from hhsim.recordings.recording import MOTION, SIDES, Recording, note, unreadable, unused
 from hhsim.recordings.registry import ANGLE_DIGITS, Changes, Content, ReadOptions, RecordingFormat
 
 
@@ -47,8 +47,9 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
     return content.edited(table, made.rows, new)
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
-    return format_csv(Trajectory(time=motion.time, **motion.configuration._asdict(), hand=motion.side)).encode()
+def _make(suffix: str, recording: Recording) -> bytes:
+    motion = {key: getattr(recording, key) for key in ("time", *MOTION, "hand")}
+    return format_csv(Trajectory(**motion)).encode()
 
 
 def _own(table: Table, options: ReadOptions) -> Recording:

@@ -37,7 +37,7 @@ from hhsim.recordings.joint_arrays import (
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
 from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
+from hhsim.recordings.recording import Recording, note, readings, unused
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -192,13 +192,14 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
     return table, names, notes
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
+def _make(suffix: str, recording: Recording) -> bytes:
     """Return keypoints in our world, z up, which the format does not say."""
+    time, joints, side = recording.time, recording.joints, recording.hand
+    assert joints is not None
     if suffix == ".npz":
-        hand = {"hand": np.array(motion.side)} if motion.side else {}
-        return npz_of({"keypoints": motion.joints, "t": motion.time, **hand})
-    header = ["time_s", *(f"{motion.side}_lm{k:02d}_{axis}" for k in range(COUNT) for axis in "xyz")]
-    rows = np.column_stack([motion.time, motion.joints.reshape(len(motion.joints), -1)]).tolist()
+        return npz_of({"keypoints": joints, "t": time, **({"hand": np.array(side)} if side else {})})
+    header = ["time_s", *(f"{side}_lm{k:02d}_{axis}" for k in range(COUNT) for axis in "xyz")]
+    rows = np.column_stack([time, joints.reshape(len(joints), -1)]).tolist()
     return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
 
 

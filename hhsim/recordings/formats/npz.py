@@ -20,7 +20,7 @@ from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
-from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
+from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Changes, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
@@ -105,10 +105,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.flagged((lost & ~none) | doubtful, SampleFlag.INVALID, text)
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
-    hand = motion.configuration
-    pose = {"t": motion.time, "wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation}
-    return npz_of(pose | {"flex": hand.flexion, "abd": hand.abduction, "meta": json.dumps({"hand": motion.side})})
+def _make(suffix: str, recording: Recording) -> bytes:
+    pose = {"t": recording.time, "wrist_pos": recording.position, "wrist_quat_wxyz": recording.orientation}
+    meta = json.dumps({"hand": recording.hand})
+    return npz_of(pose | {"flex": recording.flexion, "abd": recording.abduction, "meta": meta})
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
