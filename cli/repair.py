@@ -48,9 +48,6 @@ class RepairLimits(OptionGroup, heading="Repair"):
     """Hand and limits of the repair; `max_correction` in [mm]."""
 
     hand_file: Path | None = option("Hand of a recording of angles. Default: the usual one.", "TOML")
-    skin: Path | None = option(
-        "Skin of the hand: vertices (T, V, 3) and faces (F, 3). Default: the MANO model's, else our hand's.", "NPZ"
-    )
     palm: Literal["fitted", "thin", "none"] = option(
         "Palm that stays outside: fitted to the recorded hand, half as thick, or none.", default="fitted"
     )
@@ -81,7 +78,7 @@ def command(
     RECORDING is a file of one of the formats of hhsim import (docs/recordings.md). What comes out has the same format,
     frames and stamps; a frame that needs no repair is as it was. Of a format that is read and not written (mcap, leap,
     umetrack, aria, webxr, dexmo) it is an .npz or a .csv of the joints. Beside it lie a report (-report.html) and a
-    result (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml, or a .csv with a column recording) names
+    result (-result.h5) for hhsim view, verify and export. A MANIFEST (.toml) names
     many recordings; it resumes where it was stopped (docs/repair.md).
 
     \b
@@ -97,15 +94,14 @@ def command(
         return _follow(recording, thing, limits, reading, out)
     from hhsim.repair.repair import repair_recording
     from hhsim.repair.request import RepairRequest
-    from hhsim.sweep.repair_manifest import is_manifest
 
-    is_many = is_manifest(recording)
+    is_many = recording.suffix.lower() == ".toml"
     if is_many:
         refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
         return _many(recording, out, jobs or 0, scheduler, limits.pictures == "all", printing)
     refuse_typed(f"is for a manifest; {recording} is one recording", names=OF_MANY)
-    if limits.hands == "both" and (reading.hand or limits.skin):
-        raise click.UsageError("--hand and --skin are of one hand, and --hands both repairs two")
+    if limits.hands == "both" and reading.hand:
+        raise click.UsageError("--hand is of one hand, and --hands both repairs two")
     if thing.object is None:
         raise click.UsageError(NO_OBJECT)
     given = vars(reading.options(data.given())) | {"hand": None, "mano_model": None}
@@ -120,7 +116,6 @@ def command(
         unit=thing.unit,
         size=metres(thing.size),
         max_correction=1e-3 * limits.max_correction,
-        skin=limits.skin,
         palm=limits.palm,
         pictures=limits.pictures != "none",
         options={name: value for name, value in given.items() if value is not None},

@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
-from hhsim.recordings.correction import Correction, moved_joints
 from hhsim.recordings.finger_ik import finger_axes
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import Correction, moved_joints
 
 
 def bone_turns(posture: HandConfiguration, side: str) -> FloatArray:

@@ -14,9 +14,9 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
-from hhsim.recordings.correction import Correction, moved_joints
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, ManoModel, model_of
 from hhsim.recordings.frames import FileFrame
+from hhsim.recordings.registry import Correction, moved_joints
 from hhsim.repair.skin import Skin, mano_skin
 from hhsim.repair.written_hand import bone_frames
 

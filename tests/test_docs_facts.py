@@ -32,10 +32,9 @@ from hhsim.live.session.watchdog import RELEASE_NS
 from hhsim.metrics import metrics
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.session_faults import SESSION_FAULTS
-from hhsim.recordings import outliers
-from hhsim.recordings.cleaning import MOST_DROPPED
+from hhsim.recordings import cleaning
+from hhsim.recordings.cleaning import JOINT, MOST_DROPPED, ORIENTATION, POSITION
 from hhsim.recordings.dexmo_regression import LEAST_SPAN
-from hhsim.recordings.outliers import JOINT, ORIENTATION, POSITION
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ONSET, TREMOR, ReplaySummary
 from hhsim.replay.summary_table import short_table
@@ -227,8 +226,8 @@ SESSION_LIMITS = {fault.name: fault.limit for fault in SESSION_FAULTS}
         ("recordings.md", f"faster than {POSITION.speed:g} m/s, {ORIENTATION.speed:g} rad/s (palm)"),
         ("recordings.md", f"or {JOINT.speed:g} rad/s (joint)"),
         ("recordings.md", f"more than {POSITION.force:g} m/s², {ORIENTATION.force:,g} or {JOINT.force:,g} rad/s²"),
-        ("recordings.md", f"interpolated, up to {outliers.LONGEST_RUN:g} s |"),
-        ("recordings.md", f"the same numbers {outliers.FROZEN_RUN} times and more"),
+        ("recordings.md", f"interpolated, up to {cleaning.LONGEST_RUN:g} s |"),
+        ("recordings.md", f"the same numbers {cleaning.FROZEN_RUN} times and more"),
         ("gate.md", f"`malformed_share` ({SESSION_LIMITS['malformed_share']:g} % of the glove's packets)"),
         ("gate.md", f"`freed_share` ({SESSION_LIMITS['freed_share']:g} % of the ticks"),
         ("gate.md", f"`ended_early` ({SESSION_LIMITS['ended_early']:g}: it lasted"),

@@ -77,11 +77,14 @@ def _read(path: Path, of_scene: bool, looks: bool, _changed: int) -> Robot:
         raise InputError(str(error)) from None
 
 
-def read_xml(path: Path) -> ElementTree.Element:
-    """Return the first element of a file; prefixes stay in the names, bound or not. InputError if it is no XML."""
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+def read_xml(path: Path, comments: bool = False) -> ElementTree.Element:
+    """Return the first element of a file, with the comments in it if they are wanted; InputError if it is no XML.
+
+    Prefixes stay in the names, bound or not.
+    """
+    builder, parser = ElementTree.TreeBuilder(insert_comments=comments), expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
-    parser.CharacterDataHandler = builder.data
+    parser.CharacterDataHandler, parser.CommentHandler = builder.data, builder.comment
     try:
         parser.Parse(read_input(path, MOST_BYTES), True)
     except (OSError, expat.ExpatError) as error:

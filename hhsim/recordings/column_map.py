@@ -6,6 +6,7 @@ that are not named stay at 0, the palm without position or orientation stays at 
 s, m or rad, unless the numbers, or an option, say otherwise.
 """
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,8 +18,10 @@ from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, to_our_frames, turned, world_matrix
-from hhsim.recordings.recording import Finding, Recording, note, unreadable
+from hhsim.recordings.content import ReadOptions
+from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, turned, world_matrix
+from hhsim.recordings.object_poses import placed, poses_in, table_arrays
+from hhsim.recordings.recording import Finding, Recording, note, unreadable, unused
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, time_column
 from hhsim.recordings.unit_detection import TimeColumn as StampColumns
 from hhsim.system.counted import counted
@@ -151,15 +154,13 @@ def read_column_map(path: Path) -> ColumnMap:
     return read_settings(path, ColumnMap, "mapping of columns")
 
 
-def stamp_columns(table: Table, column: TimeColumn) -> StampColumns:
-    """Return a table's column of stamps, with the one that holds their fractions of a second if there is one."""
-    found, unit = time_column(table.header), column.unit or "s"
-    whole = found is not None and found.fraction and (found.name, "s") == (column.column, unit)
-    return found if found is not None and whole else StampColumns(column.column, unit)
+def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collection[str] = ()) -> Recording:
+    """Make the recording of a table, with the object whose pose is in its columns.
 
-
-def mapped(table: Table, columns: ColumnMap) -> Recording:
-    """Make the recording of a table; TrajectoryError for a column without numbers, InputError for a missing one."""
+    Frames of the options go before those of the mapping; `used` are columns that it does not name and that are read
+    elsewhere. Raises TrajectoryError for a column without numbers, InputError for a missing one.
+    """
+    axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
     count = len(table.rows)
     findings: list[Finding] = [note(text) for text in table.notes]
     broken = 0
@@ -170,17 +171,24 @@ def mapped(table: Table, columns: ColumnMap) -> Recording:
         broken += bad
         return values * factor
 
+    stamp_names: tuple[str, ...] = ()
     if columns.time is not None:
-        stamps = stamp_columns(table, columns.time)
+        found, stamps = time_column(table.header), StampColumns(columns.time.column, columns.time.unit or "s")
+        # Seconds may stand beside a column of what is left of one.
+        if found is not None and found.fraction and (found.name, "s") == stamps[:2]:
+            stamps = found
+        stamp_names = stamps.names
         if stamps.fraction:
-            findings.append(note(f"stamps from columns {' and '.join(stamps.names)}"))
+            findings.append(note(f"stamps from columns {' and '.join(stamp_names)}"))
         time = TIME_UNITS[stamps.unit or "s"] * stamps.stamps(lambda name: numbers((name,), 1.0)[:, 0])
     else:
         time = np.arange(count) / (columns.rate or 1.0)
         findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
-    metre = LENGTH_UNITS[(columns.position and columns.position.unit) or "m"]
+    frame = FileFrame.of(
+        up, options.mirror or columns.mirror, LENGTH_UNITS[(columns.position and columns.position.unit) or "m"]
+    )
     if columns.position is not None:
-        position = numbers(columns.position.columns, metre)
+        position = numbers(columns.position.columns, 1.0)
     else:
         position = np.zeros((count, 3))
         findings.append(note(NO_PLACE))
@@ -205,7 +213,7 @@ def mapped(table: Table, columns: ColumnMap) -> Recording:
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
     findings += unreadable(broken)
-    position, orientation = to_our_frames(position, orientation, columns.palm_axes, columns.world_up, columns.mirror)
+    position, orientation = frame.poses(position, orientation, axes)
     if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
     recording = Recording(
@@ -218,8 +226,12 @@ def mapped(table: Table, columns: ColumnMap) -> Recording:
         device=columns.device,
         hand=columns.hand or "",
         hand_length=columns.hand_length,
-        file_frame=FileFrame.of(columns.world_up, columns.mirror, metre),
+        file_frame=frame,
         findings=tuple(findings),
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
-    return recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
+    recording = recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
+    findings = []
+    arrays, moved = table_arrays(table, findings)
+    findings += unused(dict.fromkeys(table.header), moved | columns.names | {*stamp_names, *used})
+    return placed(recording.found(*findings), poses_in(arrays, count, options))

@@ -42,34 +42,9 @@ def world_matrix(up: str) -> FloatArray:
     return axes_matrix(turns[up].split()).T
 
 
-def to_our_world(position: FloatArray, orientation: FloatArray, up: str) -> tuple[FloatArray, FloatArray]:
-    """Convert palm positions (T, 3) and orientations (T, 4), w x y z, from a world whose axis `up` points up."""
-    turn = world_matrix(up)
-    return position @ turn.T, quaternion_product(quaternion_from_matrix(turn), orientation)
-
-
 def axis_flip(axis: str | None) -> FloatArray:
     """Return the factors of a point's coordinates that turn one axis round, shape (3,); 1 for an axis of None."""
     return np.where([axis == name for name in OURS], -1.0, 1.0)
-
-
-def mirrored(position: FloatArray, orientation: FloatArray, flip: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Convert positions (T, 3) and orientations (T, 4) of coordinates whose axes, and the body's own, `flip` turns."""
-    turn = np.prod(flip) * flip
-    return position * flip, orientation * [1.0, *turn]
-
-
-def to_our_frames(
-    position: FloatArray, orientation: FloatArray, axes: Sequence[str] | None, up: str | None, mirror: str | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Convert palm positions (T, 3) and orientations (T, 4) to our palm and world; None for a frame that is ours.
-
-    Of left-handed coordinates the axis `mirror` is turned round first, also in the palm's frame, of which `axes` speak.
-    """
-    position, orientation = mirrored(position, orientation, axis_flip(mirror))
-    if axes is not None and tuple(axes) != OURS:
-        orientation = quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
-    return (position, orientation) if up in (None, "z") else to_our_world(position, orientation, up)
 
 
 def turned(orientation: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -127,6 +102,18 @@ class FileFrame(NamedTuple):
     def to_file(self, points: FloatArray) -> FloatArray:
         """Convert points or vectors, shape (…, 3), from our world [m] to the file."""
         return np.asarray(points @ self.turn * self.flip / self.metre)
+
+    def poses(
+        self, position: FloatArray, orientation: FloatArray, axes: Sequence[str] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Convert positions (T, 3) and orientations (T, 4) of a body from the file to our world.
+
+        In a left-handed world an axis of the body's own is turned round, too; `axes` are ours in terms of these.
+        """
+        orientation = orientation * [1.0, *(np.prod(self.flip) * self.flip)]
+        if axes is not None:
+            orientation = quaternion_product(orientation, quaternion_from_matrix(axes_matrix(axes)))
+        return self.to_world(position), quaternion_product(quaternion_from_matrix(self.turn), orientation)
 
     def rotation_to_file(self, rotation: FloatArray) -> FloatArray:
         """Convert rotations of vectors, shape (…, 3, 3), from our world to the file."""

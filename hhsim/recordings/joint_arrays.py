@@ -7,6 +7,7 @@ these are none of a hand, or change their lengths.
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -243,10 +244,9 @@ def joints_of_frames(
         fields = named_joints(hands[side], stated, count) | {"what": recognised(located(hands[side]), side)}
     else:
         name, points = rows[side]
-        fields = ordered(points, content, options)
         below = {key.removeprefix(f"{name}."): values for key, values in held.items() if key.startswith(f"{name}.")}
-        fields |= beside_points(below, count, row_names(points, content, options)[0])[0]
-        fields["validity"] |= {kind: values.reshape(count, 1) for kind, values in stated}
+        fields, _ = joints_of_rows(points, content, options, below)
+        fields["validity"] = fields.get("validity", {}) | {kind: values.reshape(count, 1) for kind, values in stated}
         if more and points.shape[1] > len(KEYPOINTS):
             # A world with y up has joints of OpenXR or WebXR, whether their names stand there or not.
             fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
@@ -272,29 +272,29 @@ def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName 
     return said if said and any(each.startswith(above) for each in hand) else None
 
 
-def beside_points(arrays: Mapping[str, Any], count: int, names: Sequence[str]) -> tuple[dict[str, Any], set[str]]:
-    """Return radii and validity beside rows of joints as fields of `JointPositions`, and the names that were used."""
-    fields: dict[str, Any] = {"validity": {}}
-    used, width, order = set(), len(names), [names.index(joint) for joint in KEYPOINTS]
-    for name, given in arrays.items():
+def joints_of_rows(
+    points: FloatArray, content: Content, options: ReadOptions, beside: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[dict[str, Any], set[str]]:
+    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3); errors as of `row_names`.
+
+    Radii and validity are among the arrays beside them, whose names are returned, too.
+    """
+    names, what, misfit = row_names(points, content, options)
+    count, width, order = len(points), len(names), [names.index(joint) for joint in KEYPOINTS]
+    fields: dict[str, Any] = {"position": points[:, order], "what": what, "misfit": misfit}
+    fields |= {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
+    used = set()
+    for name, given in beside.items():
         shape, said = np.shape(given), hand_statement(name)
         if name.rpartition("/")[2] in RADII and shape in ((width,), (count, width)):
-            fields["radius"] = np.broadcast_to(numbers(arrays, name), (count, width))[:, order]
+            fields["radius"] = np.broadcast_to(numbers(beside, name), (count, width))[:, order]
         elif said and shape in ((count,), (count, 1), (count, width)):
-            values = numbers(arrays, name).reshape(count, -1)
-            fields["validity"][said.part] = values[:, order] if values.shape[1] == width else values
+            values = numbers(beside, name).reshape(count, -1)
+            fields.setdefault("validity", {})[said.part] = values[:, order] if values.shape[1] == width else values
         else:
             continue
         used.add(name)
     return fields, used
-
-
-def ordered(points: FloatArray, content: Content, options: ReadOptions) -> dict[str, Any]:
-    """Return fields of `JointPositions` for the joints of rows, shape (T, n, 3); errors as of `row_names`."""
-    names, what, misfit = row_names(points, content, options)
-    position = points[:, [names.index(joint) for joint in KEYPOINTS]]
-    up = {"up": "y"} if set(names) >= set(WEBXR_JOINTS) else {}
-    return {"position": position, "what": what, "misfit": misfit, **up}
 
 
 def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tuple[tuple[str, ...], str, str]:

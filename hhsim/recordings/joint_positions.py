@@ -30,7 +30,7 @@ from hhsim.recordings.finger_ik import (
     palm_origin,
     recorded_bones,
 )
-from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, to_our_world, world_matrix
+from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
 from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, note, readings
@@ -159,7 +159,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         position, orientation = (np.where(lost, np.nan, still) for still in ([0.0] * 3, [1.0, 0.0, 0.0, 0.0]))
     else:
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
-        position, orientation = to_our_world(origin, palm, up)
+        position, orientation = FileFrame.of(up, None).poses(origin, palm)
         frame = frame._replace(turn=world_matrix(up))
     findings += [note(text)] if joints.palm is None else []
     recording = Recording(

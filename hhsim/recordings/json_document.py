@@ -118,9 +118,7 @@ def place_in(values: FloatArray) -> FloatArray | None:
     return values if values.shape[-1:] == (3,) else None
 
 
-def leaves(
-    node: Any, name: str = "", side: HandSide = "", depth: int = 0
-) -> Iterator[tuple[HandSide, str, FloatArray]]:
+def leaves(node: Any, name: str = "", side: HandSide = "", depth: int = 0) -> Iterator[Leaf]:
     """Yield the numbers in JSON by the keys above them, and the side that the nearest object states; "" for none.
 
     x, y, z, with w or without it, are one value, and so is a list of numbers. Of objects in a list those that name

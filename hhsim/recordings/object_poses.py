@@ -19,13 +19,13 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
-from hhsim.hand.quaternion import conjugate, quaternion, quaternion_from_matrix, quaternion_product
+from hhsim.hand.quaternion import conjugate, quaternion
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
 from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
-from hhsim.recordings.frames import OURS, mirrored, quaternions_of
+from hhsim.recordings.frames import OURS, quaternions_of
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
@@ -301,13 +301,10 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
             far = f"{' and '.join(poses.names)}: the object is {np.nanmedian(apart):.4g} m from the hand"
             raise TrajectoryError(f"{far}; expected the unit of the hand: say --pose-unit")
     findings = [*poses.findings, note(f"the object's pose is that of {' and '.join(poses.names)}")]
-    _, orientation = mirrored(poses.position, poses.orientation, frame.flip)
     if (frame.flip < 0.0).any():
         axis = OURS[int(np.argmin(frame.flip))]
         findings.append(note(f"the object's own axes are mirrored along {axis}, as the file's left-handed world is"))
-    if (frame.turn != np.eye(3)).any():
-        orientation = quaternion_product(quaternion_from_matrix(frame.turn), orientation)
-    motion = ObjectMotion(frame.to_world(poses.position), orientation)
+    motion = ObjectMotion(*frame.poses(poses.position, poses.orientation))
     return recording.changed(object_motion=motion, object_metric=poses.metre is not None).found(*findings)
 
 

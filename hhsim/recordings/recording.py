@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import AnyArray, BoolArray, Flags, FloatArray, IntArray
 from hhsim.errors import TrajectoryError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_vector
 from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, as_numbers
@@ -154,6 +153,7 @@ class Recording:
     # missing, shape (T, 21, 3); None if the file holds angles.
     joints: FloatArray | None = None
     file_frame: FileFrame = field(default_factory=FileFrame)  # coordinates of the file's joints or palm
+    angle_unit: float = 1.0  # unit of the file's angles [rad]
     # Row, line or frame of the file that each sample was read from, shape (T,); empty for all in order.
     rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     first_stamp: float = 0.0  # stamp of the file [s] at which `time` is zero
@@ -229,17 +229,6 @@ class Recording:
     def with_angles(self, angles: FloatArray) -> Self:
         """Return it with other `angles`."""
         return self.changed(flexion=angles[:, :15].reshape(-1, 5, 3), abduction=angles[:, 15:])
-
-
-@dataclass(frozen=True, eq=False)
-class HandMotion:
-    """Motion of a hand to be written as a new recording."""
-
-    time: FloatArray  # increasing stamps [s], shape (T,)
-    # Joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], world, shape (T, 21, 3).
-    joints: FloatArray
-    configuration: HandConfiguration  # our hand in the world
-    side: HandSide  # side of the hand
 
 
 MOTION = ("position", "orientation", "flexion", "abduction")

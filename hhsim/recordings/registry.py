@@ -1,30 +1,134 @@
-"""Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection and reading."""
+"""Formats of recordings, each a module of `hhsim.recordings.formats`: their declaration, detection, reading, writing.
+
+A corrected hand is the rigid motion of each recorded bone: what our hand model does not fit stays as recorded.
+"""
 
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 from hhsim.recordings.content import ZIP, stated_hand
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
-from hhsim.recordings.correction import Changes, Correction, changes
-from hhsim.recordings.frames import FileFrame, axes_matrix, turned
-from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import Finding, HandMotion, Recording, note
-from hhsim.result.reader import Result
-from hhsim.result.stored_hand import result_hand
+from hhsim.recordings.frames import FileFrame, axes_matrix
+from hhsim.recordings.joint_names import KEYPOINTS
+from hhsim.recordings.joint_positions import JointPositions as JointPositions
+from hhsim.recordings.joint_positions import recording_of_joints
+from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
-from hhsim.system.output_path import check_output_path
 
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
+
+
+BONES = 16
+"""Bones of a hand: the palm, then three phalanges a finger from its base, thumb to little finger."""
+ANGLE_DIGITS = 7
+"""Decimals of an angle [rad] or of a quaternion's component in a text: 0.01 µm at a fingertip."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """Corrected hand of each sample of a recording, in our world."""
+
+    fitted: HandConfiguration  # our hand fitted to each recorded sample
+    posture: HandConfiguration  # our hand after the correction; equal to `fitted` in samples without one
+    rotation: FloatArray  # rotation of each bone from the recorded to the corrected hand, shape (T, 16, 3, 3)
+    # Corrected joint centres in the order of `hhsim.recordings.joint_names.KEYPOINTS` [m], shape (T, 21, 3); NaN where
+    # the recording has none.
+    joints: FloatArray
+    changed: BoolArray  # samples with a correction, shape (T,)
+
+
+def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Move recorded joints with their bones, each of which keeps its length.
+
+    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm origin of the fitted hand and its
+    displacement [m] have shape (T, 3), the rotations of the bones (T, 16, 3, 3).
+    """
+    moved = np.empty_like(joints)
+    palm = rotation[:, 0]
+    moved[:, 0] = _turned(palm, joints[:, 0] - origin) + origin + shift
+    for finger in range(5):
+        first = 1 + 4 * finger
+        moved[:, first] = _turned(palm, joints[:, first] - origin) + origin + shift
+        for bone in range(3):
+            along = joints[:, first + bone + 1] - joints[:, first + bone]
+            turned = _turned(rotation[:, 1 + 3 * finger + bone], along)
+            moved[:, first + bone + 1] = moved[:, first + bone] + turned
+    return moved
+
+
+def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
+    return np.asarray((rotation @ vectors[..., None])[..., 0])
+
+
+class Changes(NamedTuple):
+    """Samples of a recording with a correction, in the coordinates of its file."""
+
+    samples: IntArray  # indices of the samples, shape (N,)
+    rows: IntArray  # rows of the file, shape (N,)
+    shift: FloatArray  # displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles
+    turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
+    centre: FloatArray  # palm origin of the fitted hand, shape (N, 3)
+    move: FloatArray  # displacement of the palm origin, shape (N, 3)
+    angles: FloatArray  # change of flexion finger by finger, then abduction [unit of the file], shape (N, 20)
+    digits: int  # decimals of a length in a text that hold 1 µm
+
+    def moved(self, joint: str, points: FloatArray) -> FloatArray:
+        """Move points of one of OpenXR's joints, shape (N, 3); those beyond the 21 move with the palm."""
+        if joint in KEYPOINTS:
+            return np.asarray(points + self.shift[:, KEYPOINTS.index(joint)])
+        return _turned(self.turn[:, 0], points - self.centre) + self.centre + self.move
+
+    def motion(
+        self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return all samples of palm poses and of angles with the changes; NaN stays what it was.
+
+        The shapes are (T, 3), (T, 4), (T, 5, 3) and (T, 5).
+        """
+        given, rows = (position.copy(), orientation.copy(), flexion.copy(), abduction.copy()), self.rows
+        new = (
+            self.moved("palm", position[rows]),
+            quaternion_product(quaternion_from_matrix(self.turn[:, 0]), orientation[rows]),
+            flexion[rows] + self.angles[:, :15].reshape(-1, 5, 3),
+            abduction[rows] + self.angles[:, 15:],
+        )
+        for values, corrected in zip(given, new):
+            values[rows] = np.where(np.isfinite(corrected), corrected, values[rows])
+        return given
+
+
+def changes(recording: Recording, correction: Correction) -> Changes:
+    """Express a correction in the coordinates of the recording's file; InputError for joints without a world frame."""
+    if recording.joints is None and recording.bones is not None:
+        raise InputError("the joints have no world frame, so they cannot be corrected in the file: say --world-up")
+    samples = np.flatnonzero(correction.changed)
+    frame, fitted, posture = recording.file_frame, correction.fitted.at(samples), correction.posture.at(samples)
+    shift = np.full((len(samples), len(KEYPOINTS), 3), np.nan)
+    if recording.joints is not None:
+        shift = frame.to_file(correction.joints[samples] - recording.joints[samples])
+    flexion = (posture.flexion - fitted.flexion).reshape(-1, 15)
+    return Changes(
+        samples=samples,
+        rows=recording.rows[samples],
+        shift=shift,
+        turn=frame.rotation_to_file(correction.rotation[samples]),
+        centre=frame.to_file(fitted.position),
+        move=frame.to_file(posture.position - fitted.position),
+        angles=np.concatenate([flexion, posture.abduction - fitted.abduction], axis=1) / recording.angle_unit,
+        digits=max(0, int(np.ceil(6.0 + np.log10(frame.metre) - 1e-9))),
+    )
 
 
 @dataclass(frozen=True)
@@ -44,11 +148,10 @@ class RecordingFormat:
     # Function that returns the content of the file with a recording of it corrected; nothing else in it changes, and
     # changes of angles are in its unit. None for a format that is not written back.
     write: Callable[[Content, ReadOptions, Recording, Changes], bytes] | None = None
-    # Function that returns the content of a new file of a suffix. None for a format in which none is made.
-    make: Callable[[str, HandMotion], bytes] | None = None
-    made: tuple[str, ...] = ()  # suffixes that `make` takes
-    # Function that returns the MANO model's parameters in every sample, for the skin; None for a format without.
-    mano: Callable[[Content, ReadOptions], tuple[FloatArray, FloatArray, FloatArray, FloatArray]] | None = None
+    # Function that returns the content of a new file of a suffix of `NEW_SUFFIXES`; None for a format without.
+    make: Callable[[str, Recording], bytes] | None = None
+    # Function that returns the MANO model of a hand and its parameters in every sample, for the skin; None without.
+    mano: Callable[[Content, ReadOptions], tuple[Any, ...]] | None = None
 
 
 def recording_formats() -> dict[str, RecordingFormat]:
@@ -186,11 +289,14 @@ def write_recording(
     source, target, frame = Path(path), Path(out), recording.file_frame
     check_target(source, recording, target)
     if not recording.is_written_back:
-        suffix, joints = target.suffix.lower(), _axes(recording).to_file(correction.joints)
+        # Right-handed and in metres, also where the file is not.
+        suffix, joints = target.suffix.lower(), FileFrame(frame.turn).to_file(correction.joints)
         # The stamps of a new file are those of the old one.
-        motion = HandMotion(recording.time + recording.first_stamp, joints, correction.posture, recording.hand)
+        given = correction.posture._asdict() | {"time": recording.time + recording.first_stamp, "joints": joints}
         form = "keypoints" if recording.joints is not None else suffix[1:]
-        write_atomically(target, exported(form, suffix, motion))
+        make = recording_formats()[form].make
+        assert make is not None
+        write_atomically(target, make(suffix, recording.changed(**given)))
         return None
     with named(source):
         content = Content.of_recording(source)
@@ -199,30 +305,16 @@ def write_recording(
         if correction.changed.any():
             assert kind.write is not None
             made = changes(recording, correction)
-            if recording.joints is None:
-                made = made._replace(angles=made.angles / _angle_unit(recording, _read(kind, content, options)))
             data = content.packed_with(kind.write(content, options, recording, made))
         if recording.joints is not None:
             again = _read(kind, Content.of_recording(source, data), replace(options, fits_angles=False))
             assert again.joints is not None
-            found = again.file_frame.to_file(again.joints[_places(recording, again)])
+            place = {row: k for k, row in enumerate(again.rows.tolist())}
+            found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])
             apart = frame.metre * np.linalg.norm(found - frame.to_file(correction.joints), axis=2)
             off = float(apart[np.isfinite(apart)].max(initial=0.0))
     write_atomically(target, data)
     return off
-
-
-def _places(recording: Recording, again: Recording) -> list[int]:
-    """Return the samples of the file, as read again, of which the recording's are."""
-    place = {row: k for k, row in enumerate(again.rows.tolist())}
-    return [place[row] for row in recording.rows.tolist()]
-
-
-def _angle_unit(recording: Recording, again: Recording) -> float:
-    """Return the unit [rad] of the angles of a file: ratio of a recording's angles to those as read again."""
-    read = again.angles[_places(recording, again)]
-    known = np.isfinite(read) & (np.abs(read) > 0.0)
-    return float(np.median(recording.angles[known] / read[known])) if known.any() else 1.0
 
 
 def read_new_file(path: Path, recording: Recording) -> Recording:
@@ -233,34 +325,4 @@ def read_new_file(path: Path, recording: Recording) -> Recording:
     options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
     again = read_recording(path, options)
     assert again.joints is not None
-    return recording.changed(joints=_axes(recording).to_world(again.joints))
-
-
-def _axes(recording: Recording) -> FileFrame:
-    """Return the axes of the recording's file, in metres, right-handed also where the file is not."""
-    return FileFrame(recording.file_frame.turn)
-
-
-def exported(form: str, suffix: str, motion: HandMotion) -> bytes:
-    """Return the content of a new file of a format; InputError if none is made, or for another suffix."""
-    makers = {name: (each.make, each.made) for name, each in recording_formats().items() if each.make is not None}
-    if form not in makers:
-        raise UnknownNameError("format", form, makers)
-    make, suffixes = makers[form]
-    if suffix.lower() not in suffixes:
-        raise InputError(f"a file of format {form} does not end in '{suffix}'; expected {' or '.join(suffixes)}")
-    return make(suffix.lower(), motion)
-
-
-def export_recording(result: Result, form: str, path: Path) -> int:
-    """Write the graphic hand of each tick, in the world, as a recording of a format; return the number of ticks.
-
-    Raises InputError as `exported`; OutputError for a file that cannot be written.
-    """
-    check_output_path(path)
-    hand = result_hand(result)
-    posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
-    wrist = posture.position + turned(posture.orientation, hand.wrist)
-    joints = np.concatenate([wrist[:, None], result["graphic/joints"].reshape(-1, 20, 3)], axis=1)
-    write_atomically(path, exported(form, path.suffix, HandMotion(result["time"], joints, posture, hand.side)))
-    return len(joints)
+    return recording.changed(joints=FileFrame(recording.file_frame.turn).to_world(again.joints))

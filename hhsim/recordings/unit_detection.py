@@ -141,7 +141,7 @@ def _angles(recording: Recording) -> Recording:
         if share <= MANY:
             raise TrajectoryError(f"{reason}; expected [rad]: are they in degrees? Say --angle-unit")
         converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
-        return converted.with_angles(angles * ANGLE_UNITS["deg"])
+        return converted.with_angles(angles * ANGLE_UNITS["deg"]).changed(angle_unit=ANGLE_UNITS["deg"])
     # As degrees within ±200°, as radians maybe beyond what a hand bends.
     sizes = usual_fingers()
     least, most = (np.append(sizes[f"flexion_{end}"], sizes[f"abduction_{end}"]) for end in ("min", "max"))
@@ -181,7 +181,8 @@ def in_units(
     if length is not None:
         recording = recording.resized(LENGTH_UNITS[length])
     if angle is not None:
-        recording = recording.with_angles(recording.angles * ANGLE_UNITS[angle])
+        radian = ANGLE_UNITS[angle]
+        recording = recording.with_angles(recording.angles * radian).changed(angle_unit=radian)
     return recording.changed(stated=recording.stated | given.keys())
 
 

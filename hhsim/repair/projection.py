@@ -19,7 +19,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.metrics.field.hands import ON_SURFACE
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.recordings.correction import BONES, Correction
+from hhsim.recordings.registry import BONES, Correction
 from hhsim.repair.tracks import CLEAR, GivenObject, HandJudge, farthest, put
 from hhsim.repair.written_hand import (
     JOINTS,

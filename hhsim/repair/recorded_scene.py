@@ -18,9 +18,9 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies, FieldHands
 from hhsim.metrics.moving_parts import placed_mesh
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
-from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import BONES, Correction, moved_joints
 from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.scene.declared_bodies import DeclaredBodies

@@ -20,15 +20,14 @@ from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, 
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.recordings.correction import Correction
+from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
-from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.object_poses import with_object_poses
-from hhsim.recordings.outliers import suspect_joints
 from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
     NEW_SUFFIXES,
     Content,
+    Correction,
     ReadOptions,
     check_target,
     format_of,
@@ -45,7 +44,7 @@ from hhsim.repair.page import repair_page
 from hhsim.repair.projection import correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
-from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
+from hhsim.repair.skin import Skin, mano_skin, moved_skin
 from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
 from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_beside
@@ -102,10 +101,10 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
-    recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, request.skin, read)
+    recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, read)
     recording, recorded, touched, skin = prepared(request, read, recording, bodies, skin_of)
     check_target(request.recording, recording, request.out)
-    scene, hand, began = recorded.scene, recorded.hand, process_time()
+    scene, began = recorded.scene, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
     seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
     took = process_time() - began
@@ -127,7 +126,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     )
     after_skin = None
     if skin is not None:
-        after_skin = _skin(paths["recording"], None, read, written, hand)
+        after_skin = _skin(paths["recording"], read, written)
         assert recording.joints is not None
         after_skin = after_skin or replace(skin, vertices=moved_skin(skin, recording.joints, correction))
     said: dict[str, Any] = {
@@ -197,7 +196,7 @@ def prepared(
     read: ReadOptions,
     recording: Recording,
     bodies: DeclaredBodies,
-    skin_of: Callable[[Recording, HandModel], Skin | None],
+    skin_of: Callable[[Recording], Skin | None],
     fitted: HandModel | None = None,
 ) -> Prepared:
     """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair.
@@ -210,7 +209,7 @@ def prepared(
         recording = with_object_poses(recording, request.object_poses, read)
     with named(request.recording):
         recording, hand = _hand(recording, request) if fitted is None else (in_angles_of(recording, fitted), fitted)
-    skin = skin_of(recording, hand)
+    skin = skin_of(recording)
     if skin is None:
         hand = with_palm(hand, request.palm) if fitted is None else hand
     else:
@@ -309,18 +308,16 @@ def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) ->
         return clean_units(recording)
 
 
-def _skin(path: Path, skin: Path | None, read: ReadOptions, recording: Recording, hand: HandModel) -> Skin | None:
-    """Return the skin of a file, or of the MANO model that moves in a recording; None without any."""
-    if skin is not None:
-        if recording.joints is None:
-            raise InputError("--skin needs the centres of the joints, and this recording holds angles alone")
-        return read_skin(skin, recording, hand, HandConfiguration.of(recording))
+def _skin(path: Path, read: ReadOptions, recording: Recording) -> Skin | None:
+    """Return the skin of the MANO model that moves in a recording; None without any."""
     content = Content.of_recording(path)
     mano = format_of(content, read).mano
     if mano is None or read.mano_model is None:
         return None
-    model = read_mano_model(read.mano_model)
-    return mano_skin(model, *mano(content, read), recording.file_frame) if len(model.faces) else None
+    model, rotation, pose, translation, betas = mano(content, read)
+    if not len(model.faces):
+        return None
+    return mano_skin(model, rotation, pose, translation, betas, recording.file_frame)
 
 
 def _draw(

@@ -29,10 +29,7 @@ class RepairRequest:
     unit: str | None = None  # unit of the mesh file; None for metres
     size: float | None = None  # largest extent that the mesh is scaled to [m]; None keeps it
     max_correction: float = MAX_CORRECTION  # largest displacement of a point of the hand [m]
-    # Vertices of the hand's skin in each frame, see `hhsim.repair.skin.read_skin`; None takes that of the MANO model,
-    # or our hand's cones.
-    skin: Path | None = None
-    # Palm that stays outside: `fitted` to the skin, or else in proportion to the hand, half as `thin`, or `none`.
+    # Palm that stays outside: `fitted` to a MANO model's skin, or in proportion to the hand; half as `thin`; or `none`.
     palm: Literal["fitted", "thin", "none"] = "fitted"
     pictures: bool = True  # True writes the page and its pictures too
     of_both: Path | None = None  # recording of two hands of which this one is repaired; None for that of one hand

@@ -1,36 +1,26 @@
 """Skin of a recorded hand: a mesh with vertices for every frame, and the bones that carry them.
 
-A vertex moves with the rigid motions of its bones, blended by its weights (linear blend skinning). A MANO model brings
-weights; in any other mesh each vertex belongs to the nearest bone.
+A vertex moves with the rigid motions of its bones, blended by its weights (linear blend skinning), which a MANO model
+brings.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import TrajectoryError, named
+from hhsim.errors import TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
-from hhsim.mesh.mesh import require_usable_arrays
-from hhsim.motion.npz_arrays import numbers, read_npz
-from hhsim.motion.trajectory import check_finite
-from hhsim.recordings.correction import BONES, Correction, moved_joints
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import Content
-from hhsim.system.counted import counted
+from hhsim.recordings.registry import BONES, Correction, moved_joints
 
 BLOCK_FRAMES = 64
 """Frames whose vertices are moved at once."""
-LOOKS = 48
-"""Frames in which the nearest bone of a vertex is searched, spread evenly over the recording."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,63 +58,9 @@ def mano_skin(
     return Skin(frame.to_world(vertices), _outward(model.faces, frame), model.weights[:, list(KEYPOINT_JOINTS)])
 
 
-def read_skin(path: Path, recording: Recording, hand: HandModel, fitted: HandConfiguration) -> Skin:
-    """Read a skin from an .npz of `vertices` (N, V, 3), in the recording's file frame, and `faces` (F, 3).
-
-    Args:
-        path: File with one set of vertices for each of the N frames of the recording's file.
-        recording: Recording, which names the frames it was read from.
-        hand: Hand model, whose nearest bone carries a vertex.
-        fitted: Its configuration in each sample.
-
-    Raises:
-        TrajectoryError: No such file, arrays missing or of another shape, or vertices that are not finite.
-        MeshError: A triangle names a vertex that does not exist.
-    """
-    with named(path):
-        arrays = read_npz(Content(path, what="a skin").data)
-        missing = [key for key in ("vertices", "faces") if key not in arrays]
-        if missing:
-            held = ", ".join(sorted(arrays)[:6]) or "nothing"
-            raise TrajectoryError(f"no array '{missing[0]}', it holds {held}; expected vertices and faces")
-        vertices, corners = numbers(arrays, "vertices"), numbers(arrays, "faces")
-        if vertices.ndim != 3 or vertices.shape[2] != 3:
-            raise TrajectoryError(f"array 'vertices' has shape {vertices.shape}; expected (frames, vertices, 3)")
-        frames = int(recording.rows.max(initial=-1)) + 1
-        if len(vertices) < frames:
-            given = counted(len(vertices), "frame")
-            raise TrajectoryError(f"vertices of {given}; expected at least {frames:,}, as the recording has")
-        vertices = vertices[recording.rows]
-        check_finite("array 'vertices'", vertices)
-        if not np.array_equal(corners, np.round(corners)):
-            raise TrajectoryError("array 'faces' has numbers that are not whole; expected indices of vertices")
-        faces = np.asarray(np.nan_to_num(corners), dtype=np.int64)
-        require_usable_arrays(vertices.reshape(-1, 3)[: vertices.shape[1]], faces, "skin")
-    world = recording.file_frame.to_world(vertices)
-    weights = np.eye(BONES)[nearest_bone(hand, fitted, world)]
-    return Skin(world, _outward(faces, recording.file_frame), weights)
-
-
 def _outward(faces: IntArray, frame: FileFrame) -> IntArray:
     """Return triangles that are outward in our world too."""
     return faces if np.prod(frame.flip) > 0.0 else faces[:, ::-1]
-
-
-def nearest_bone(hand: HandModel, fitted: HandConfiguration, vertices: FloatArray) -> IntArray:
-    """Return the bone of each vertex, shape (V,): least mean distance of the hand's bodies over the frames.
-
-    Vertices [m], world, have shape (T, V, 3); the palm's body is its spheres.
-    """
-    looks = np.unique(np.linspace(0, len(vertices) - 1, LOOKS).astype(np.int64))
-    placed = forward_kinematics(hand, *fitted.at(looks))
-    total = np.zeros((vertices.shape[1], BONES))
-    for points in in_palm(fitted.at(looks), vertices[looks]):
-        total[:, 0] += palm_distance(hand, points)
-    for finger in range(5):
-        along, across = cone_coordinates(placed.joints[:, finger], vertices[looks])
-        gap = cone_gaps(along, across, hand.length[finger], hand.radius[finger])[1]
-        total[:, 1 + 3 * finger : 4 + 3 * finger] = gap.sum(axis=0)
-    return np.asarray(total.argmin(axis=1))
 
 
 def in_palm(configuration: HandConfiguration, points: FloatArray) -> FloatArray:

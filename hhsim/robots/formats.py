@@ -1,7 +1,7 @@
 """Formats of the spheres of a robot's links: what writes each file, and what reads its spheres back.
 
 - `h5`: the sphere tree of each link, with its proof, in a group of the link's name.
-- `urdf`: the robot's file with spheres in place of its `<collision>` elements; every other byte is as it was.
+- `urdf`: the robot's file with spheres in place of its `<collision>` elements.
 - `curobo`: YAML of cuRobo, format version 2.0, `robot_cfg: kinematics:` with `collision_spheres` (NVlabs/curobo).
 - `json`: JSON of foam (CoMMALab/foam): spheres of each link, and the mean, least and largest of their errors.
 - `mjcf`: bodies and joints of the robot for MuJoCo, its masses where they are known, and spheres for geoms.
@@ -11,12 +11,11 @@
 """
 
 import json
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
+from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -30,7 +29,7 @@ from hhsim.mesh.signed_bvh import heights, signed_bvh
 from hhsim.reproducible import matmul
 from hhsim.robots.link_spheres import LinkSpheres
 from hhsim.robots.touching_pairs import Ignored
-from hhsim.system.input_file import read_input, read_input_text
+from hhsim.system.input_file import read_input_text
 from hhsim.trees.file import load_trees, trees_file
 
 LARGEST = 1000.0
@@ -336,72 +335,25 @@ def read_srdf(path: Path) -> Spheres:
 
 
 def write_urdf(found: RobotSpheres) -> bytes:
-    """Return the robot's file with the spheres; InputError for one that is no URDF, or in an encoding of wide letters.
+    """Return the robot's file with the spheres of each link at its end, in place of its collisions.
 
-    The first collision of a link becomes its spheres; the others go, with the blank before them. The spheres of a link
-    without one stand after its first `<visual>`.
+    Raises InputError for a robot that is no URDF.
     """
     require_urdf(found, "This format")
-    text = read_input(found.source, MOST_BYTES)
-    if text[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in text[:64]:
-        raise InputError(f"{found.source}: expected UTF-8, or another encoding in which ASCII is one byte a letter")
-    spheres, seen, parts, at = found.spheres, set[str](), [], 0
-    places = _shape_places(text)
-    collide = {link for link, tag, _, _ in places if tag == "collision"}
-    for link, tag, begin, end in places:
-        is_collision = tag == "collision"
-        if link not in spheres or (not is_collision and link in seen | collide):
+    root = read_xml(found.source, comments=True)
+    for link in root.findall("link"):
+        spheres = found.spheres.get(link.get("name", ""))
+        if spheres is None:
             continue
-        lead = re.search(rb"\s*\Z", text[at:begin])
-        blank = lead.group() if lead else b""
-        if link in seen:
-            parts.append(text[at : begin - len(blank)])
-        else:
-            indent = b"\n" + blank.rpartition(b"\n")[2] if b"\n" in blank else b""
-            elements = [
-                f'<collision><origin xyz="{_row(center)}" rpy="0 0 0"/>'
-                f'<geometry><sphere radius="{digits(radius)}"/></geometry></collision>'.encode()
-                for *center, radius in spheres[link].tolist()
-            ]
-            parts += [text[at:begin] if is_collision else text[at:end] + indent, indent.join(elements)]
-            seen.add(link)
-        at = end
-    return b"".join([*parts, text[at:]])
-
-
-def _shape_places(text: bytes) -> list[tuple[str, str, int, int]]:
-    """Return link, tag, first byte and end of the collisions and visuals of a robot's links, in their order."""
-    parser = expat.ParserCreate()
-    path: list[str] = []
-    found: list[tuple[str, str, int, int]] = []
-    link, tag, begin, ended = "", "", 0, False
-
-    def close() -> None:
-        # The end of an element is where the next thing of the file begins.
-        nonlocal ended
-        if ended:
-            found.append((link, tag, begin, parser.CurrentByteIndex))
-            ended = False
-
-    def start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal link, tag, begin
-        close()
-        path.append(name)
-        if path == ["robot", "link"]:
-            link = attributes.get("name", "")
-        elif path[:-1] == ["robot", "link"]:
-            tag, begin = name, parser.CurrentByteIndex
-
-    def end(_: str) -> None:
-        nonlocal ended
-        close()
-        ended = path[:-1] == ["robot", "link"] and path[-1] in ("collision", "visual")
-        path.pop()
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.DefaultHandler = lambda _: close()
-    parser.Parse(text, True)
-    return found
+        for old in link.findall("collision"):
+            link.remove(old)
+        for *center, radius in spheres.tolist():
+            collision = ElementTree.SubElement(link, "collision")
+            ElementTree.SubElement(collision, "origin", xyz=_row(center), rpy="0 0 0")
+            geometry = ElementTree.SubElement(collision, "geometry")
+            ElementTree.SubElement(geometry, "sphere", radius=digits(radius))
+    ElementTree.indent(root)
+    return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, "unicode")}\n'.encode()
 
 
 def read_urdf_spheres(path: Path) -> Spheres:

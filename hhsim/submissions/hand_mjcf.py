@@ -6,7 +6,6 @@ configuration's flexion and abduction the joint centres are those of `hhsim.hand
 
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
-from typing import NamedTuple
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -28,12 +27,8 @@ DENSITY = 1000.0
 """Density of the hand for engines [kg/m³]; hhsim's hand has no mass."""
 
 
-class Inertial(NamedTuple):
-    """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the frame of the body."""
-
-    mass: float
-    center: FloatArray
-    inertia: FloatArray
+Inertial = tuple[float, FloatArray, FloatArray]
+"""Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg·m²], in the frame of the body."""
 
 
 def joint_angles(flexion: FloatArray, abduction: FloatArray) -> list[float]:
@@ -116,7 +111,7 @@ def _of_palm(hand: HandModel) -> Inertial:
     center = (volume[:, None] * corners.sum(axis=1) / 4.0).sum(axis=0) / volume.sum()
     mass = DENSITY * float(volume.sum())
     square = np.ptp(hand.palm_mesh.vertices, axis=0) ** 2
-    return Inertial(mass, center, mass / 12.0 * np.diag(square.sum() - square))
+    return mass, center, mass / 12.0 * np.diag(square.sum() - square)
 
 
 def _of_cone(end: FloatArray, start_radius: float, end_radius: float) -> Inertial:
@@ -125,13 +120,14 @@ def _of_cone(end: FloatArray, start_radius: float, end_radius: float) -> Inertia
     mass = DENSITY * np.pi * radius**2 * length
     along = np.outer(end, end) / length**2
     across = mass * (0.25 * radius**2 + length**2 / 12.0)
-    return Inertial(mass, 0.5 * end, across * (np.eye(3) - along) + 0.5 * mass * radius**2 * along)
+    return mass, 0.5 * end, across * (np.eye(3) - along) + 0.5 * mass * radius**2 * along
 
 
 def add_inertial(element: Xml.Element, of: Inertial) -> None:
     """Add mass properties to a body of MJCF."""
-    inertia = numbers(of.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    Xml.SubElement(element, "inertial", pos=numbers(of.center), mass=numbers([of.mass]), fullinertia=inertia)
+    mass, center, inertia = of
+    full = numbers(inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
+    Xml.SubElement(element, "inertial", pos=numbers(center), mass=numbers([mass]), fullinertia=full)
 
 
 def numbers(values: ArrayLike | Iterable[float]) -> str:

@@ -29,7 +29,7 @@ from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
-from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, Inertial, add_inertial, hand_mjcf, joint_angles, numbers
+from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, add_inertial, hand_mjcf, joint_angles, numbers
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.system.settings_file import typed
 from hhsim.table.table import Table
@@ -196,7 +196,7 @@ def _add_bodies(parent: Xml.Element, bodies: Sequence[SceneBody], contact: Xml.E
         if one.pose is not None:
             body.attrib |= {"mocap": "true", "pos": numbers(one.pose[:3]), "quat": numbers(one.pose[3:])}
         if free is not None:
-            add_inertial(body, Inertial(free.mass, np.array(free.center), np.array(free.inertia)))
+            add_inertial(body, (free.mass, np.array(free.center), np.array(free.inertia)))
         if free is not None and joint is not None and joint.limits != (0.0, 0.0):  # MuJoCo takes no joint without range
             said = {"axis": numbers(joint.direction), "frictionloss": numbers([joint.friction])}
             said |= {"type": "slide"} if joint.type == "slider" else {"type": "hinge", "pos": numbers(joint.origin)}

@@ -1,9 +1,9 @@
-"""Manifest of repairs: a CSV file with a row for each recording, or a TOML file of recordings and patterns.
+"""Manifest of repairs: a TOML file of recordings and patterns.
 
-Keys, the same in both; the first two are required::
+Of the keys of a recording the first two are required::
 
-    version = 1                             # TOML only
-    [defaults]                              # TOML only: keys of every recording that does not state them
+    version = 1
+    [defaults]                              # keys of every recording that does not state them
     mano_model = "MANO_RIGHT.pkl"
     [[recording]]
     recording = "seqs/{object}_*.npz"       # {object} matches as * does, and is known by that name to the other keys
@@ -17,22 +17,20 @@ Keys, the same in both; the first two are required::
     time_limit = 3600.0                     # of the repair of one recording [s]
 
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
-world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode; skin is that of `hhsim
-repair`. Files are relative to the manifest's folder.
+world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode. Files are relative to the
+manifest's folder.
 
 A row is repaired in whatever process; outcome.json, written last, is what its folder keeps of it.
 """
 
-import csv
 import faulthandler
 import hashlib
-import io
 import json
 import os
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
@@ -41,7 +39,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field, structs
 
 from hhsim import __version__
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError, check_known
+from hhsim.errors import InputError, TrajectoryError, UnknownNameError
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
@@ -51,7 +49,7 @@ from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
 from hhsim.system.atomic_write import write_atomically
-from hhsim.system.input_file import open_input, read_input_text
+from hhsim.system.input_file import read_input_text
 from hhsim.system.plain_json import plain_json
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 
@@ -92,7 +90,6 @@ class ManifestRow(Settings, frozen=True, kw_only=True, rename={"form": "format"}
     pose_order: Literal["wxyz", "xyzw"] | None = None
     pose_unit: Literal["m", "cm", "mm"] | None = None
     mano_pose: Annotated[str, one_of(READINGS)] | None = None
-    skin: _TEXT | None = None
     profile: _TEXT | None = None
     episode: Annotated[int, between(0, 2**63 - 1)] | None = None
 
@@ -117,17 +114,6 @@ class PlannedRepair:
     time_limit: float
 
 
-def is_manifest(path: Path) -> bool:
-    """Return True for a TOML file, and for a table with the columns of a manifest."""
-    if path.suffix.lower() == ".toml":
-        return True
-    if path.suffix.lower() != ".csv" or not path.is_file():
-        return False
-    with open_input(path) as file:
-        header = file.readline(4096).decode(errors="replace").removeprefix("\ufeff").strip().split(",")
-    return {"recording", "object"} <= {name.strip() for name in header}
-
-
 def load_manifest(path: Path, out: Path, *, pictures: bool = True) -> tuple[str, list[PlannedRepair]]:
     """Return the text of a manifest and its repairs, of which `out` is the output folder; patterns match nothing in it.
 
@@ -136,50 +122,18 @@ def load_manifest(path: Path, out: Path, *, pictures: bool = True) -> tuple[str,
     Raises InputError for no such file; an unknown key, name or file, a wrong value; two recordings of one name.
     """
     folder, output = path.parent.resolve(), out.resolve()
-    if path.suffix.lower() not in (".toml", ".csv"):
-        raise InputError(f"{path}: expected a manifest of repairs, .toml or .csv")
     text = read_toml_text(path, "manifest of repairs").removeprefix("\ufeff")
+    table = parse_settings(text, _ManifestTable, str(path))
+    typed({"recording": "any", "object": "any", **table.defaults}, ManifestRow, f"{path}: defaults")
     found: dict[str, PlannedRepair] = {}
-    for where, content in _csv_rows(text, path) if path.suffix.lower() == ".csv" else _toml_rows(text, path):
-        for row in _expanded(where, content, folder, output):
+    for number, stated in enumerate(table.recording, 1):
+        where = f"{path}: recording[{number}]"
+        for row in _expanded(where, {**table.defaults, **stated}, folder, output):
             planned = _planned(where, row, folder, output, pictures)
             other = found.setdefault(planned.name.casefold(), planned)
             if other is not planned:
                 raise InputError(f"{where}: two recordings are called '{planned.name}': give this one another name")
     return text, list(found.values())
-
-
-def _toml_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    table = parse_settings(text, _ManifestTable, str(path))
-    typed({"recording": "any", "object": "any", **table.defaults}, ManifestRow, f"{path}: defaults")
-    for number, row in enumerate(table.recording, 1):
-        yield f"{path}: recording[{number}]", {**table.defaults, **row}
-
-
-def _csv_rows(text: str, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
-    try:
-        header = reader.fieldnames or []
-        check_known("column", header, _KEYS)
-        if len(set(header)) < len(header) or not {"recording", "object"} <= set(header):
-            raise InputError(f"the columns are {', '.join(header)}; expected recording and object, and each once")
-        rows = [(reader.line_num, row) for row in reader]
-    except (csv.Error, InputError) as error:
-        raise InputError(f"{path}: line {max(1, reader.reader.line_num)}: {error}".replace("\n", "\\n")) from None
-    if not rows:
-        raise InputError(f"{path}: no row below the columns")
-    for line, row in rows:
-        if None in row:
-            raise InputError(f"{path}: line {line}: more cells than the {len(header)} columns")
-        yield f"{path}: line {line}", {key: _value(key, cell.strip()) for key, cell in row.items() if cell}
-
-
-def _value(key: str, cell: str) -> str | int | float:
-    if key in ("size_mm", "max_correction_mm", "time_limit", "rate", "episode"):
-        for kind in (int, float):
-            with suppress(ValueError):
-                return kind(cell)
-    return cell
 
 
 def _expanded(where: str, content: dict[str, Any], folder: Path, output: Path) -> Iterator[ManifestRow]:
@@ -260,7 +214,6 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures:
         unit=row.unit,
         size=None if row.size_mm is None else 1e-3 * row.size_mm,
         max_correction=1e-3 * row.max_correction_mm,
-        skin=file("skin"),
         palm=row.palm,
         pictures=pictures,
         options=options,
@@ -278,7 +231,6 @@ _OF_THE_READER = (
     *("array", "joint_order", "pose_order", "pose_unit"),
 )
 """Keys that are fields of `hhsim.recordings.registry.ReadOptions` as they are."""
-_KEYS = tuple({"form": "format"}.get(key, key) for key in ManifestRow.__struct_fields__)
 
 
 OUTCOME = "outcome.json"

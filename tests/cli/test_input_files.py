@@ -100,7 +100,6 @@ COMMANDS = (
     "compare FILE.h5 result.h5",
     "compare result.h5 FILE.h5",
     "export FILE.h5 out.csv",
-    "export FILE.h5 out.npz --as keypoints",
     "view FILE.h5",
     "view FILE.h5 --video out.gif",
     "view FILE.stl",

@@ -29,9 +29,8 @@ from hhsim.motion.file import save_trajectory
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
-from hhsim.recordings.cleaning import CleanedRecording, clean_recording
+from hhsim.recordings.cleaning import SUSPECT_RATIO, WINDOW, CleanedRecording, bend, clean_recording
 from hhsim.recordings.formats.hhsim import recording_of
-from hhsim.recordings.outliers import SUSPECT_RATIO, WINDOW, bend
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording
 

@@ -10,8 +10,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression, parse_calibration
-from hhsim.recordings.formats.dexmo import has_dexmo_channels
-from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.recordings.registry import Content, ReadOptions, format_of, read_recording
 
 DEFAULT = DexmoRegression.default()
 LOW = np.linspace(700.0, 1300.0, 11)
@@ -84,7 +83,8 @@ def test_raw_counts_need_a_calibration(run: Run, tmp_path: Path) -> None:
 def test_the_page_has_the_header_of_a_gloves_table(repository: Path) -> None:
     page = (repository / "docs" / "lab" / "recordings.md").read_text(encoding="utf-8")
     header = next(line for line in page.splitlines() if line.startswith("time,thumb_rotate"))
-    assert has_dexmo_channels(tuple(header.split(","))) and len(header.split(",")) == 12
+    assert format_of(Content(data=f"{header}\n".encode()), ReadOptions()).name == "dexmo"
+    assert len(header.split(",")) == 12
 
 
 def test_a_calibration_needs_a_dexmo(run: Run, tmp_path: Path) -> None:

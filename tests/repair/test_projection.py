@@ -15,7 +15,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.recordings.correction import Correction, moved_joints
+from hhsim.recordings.registry import Correction, moved_joints
 from hhsim.repair.offline import repair_frames
 from hhsim.repair.projection import Projection, correct
 from hhsim.repair.tracks import HandJudge

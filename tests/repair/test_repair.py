@@ -36,6 +36,7 @@ from hhsim.trees.contact_surface import contact_surface
 RATE = 30.0
 UNCHANGED = 1e-5
 """Move of a joint in a frame that needs no repair [m]: smoothing may reach it."""
+MANY = 'version = 1\n[[recording]]\nrecording = "grasp.npz"\nobject = "sphere"\n'
 OPTIONS = {"usual_up": "z", "length_unit": "m"}
 
 
@@ -116,7 +117,7 @@ def test_an_object_that_moves_gives_the_same_correction(
 
 def test_a_limit_that_is_missed_exits_1(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded(tmp_path)
-    (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")
+    (tmp_path / "many.toml").write_text(MANY)
     missed = RepairOutcome({}, 12, (3, 4), "limits missed: correction", ok=False)
     monkeypatch.setattr("hhsim.repair.repair.repair_recording", lambda *_, **__: missed)
     monkeypatch.setattr(
@@ -128,7 +129,7 @@ def test_a_limit_that_is_missed_exits_1(run: Run, tmp_path: Path, monkeypatch: p
     assert answer.code == 1 and "limits missed: correction\n" in answer.out
     assert "marked, without a repair or beyond the limit: 2 of 12: 3, 4\n" in answer.out
     assert run("repair", "grasp.npz", "--object", "sphere", "--out", "free.npz", "--json").code == 1
-    answer = run("repair", "many.csv", "--out", "freed")
+    answer = run("repair", "many.toml", "--out", "freed")
     assert answer.code == 1 and "1 without a repair within the limits" in answer.out
     frame = FollowedFrame(0, 0.0, np.zeros((21, 3)), changed=False, marked=True, depth=np.nan)
     monkeypatch.setattr("hhsim.repair.follow.followed_lines", lambda *_: [(frame, "{}")])
@@ -177,16 +178,14 @@ def test_the_command_prints_the_table_and_names_its_files(run: Run, tmp_path: Pa
     assert run("verify", "free-result.h5").code == 0
     scored = run("score", "free.npz", "--recorded", "grasp.npz", *words[:-2], "--json")
     assert json.loads(scored.out)["depth_joints_max"]["after"] == 0.0
-    exported = run("export", "free-result.h5", "hand.npz", "--as", "keypoints")
-    assert exported.code == 0 and "12 ticks as keypoints" in exported.out
 
 
 def test_an_option_that_is_not_used_is_refused(run: Run, tmp_path: Path) -> None:
     recorded(tmp_path)
-    (tmp_path / "many.csv").write_text("recording,object\ngrasp.npz,sphere\n")
+    (tmp_path / "many.toml").write_text(MANY)
     for words, said in (
-        (("many.csv", "--max-correction", "30"), "--max-correction is for one recording"),
-        (("many.csv", "--length-unit", "m"), "--length-unit is for one recording"),
+        (("many.toml", "--max-correction", "30"), "--max-correction is for one recording"),
+        (("many.toml", "--length-unit", "m"), "--length-unit is for one recording"),
         (("grasp.npz", "--object", "sphere", "--jobs", "2"), "--jobs is for a manifest"),
     ):
         refused = run("repair", *words, "--out", "free")

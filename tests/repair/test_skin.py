@@ -1,7 +1,6 @@
 """Skins: bones that carry them, depth against trimesh, freed skins before a referee, and hands fitted around them."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.recordings.frames import FileFrame
-from hhsim.repair.skin import cone_coordinates, cone_gaps, in_palm, mano_skin, moved_skin, nearest_bone, read_skin
+from hhsim.repair.skin import cone_coordinates, cone_gaps, mano_skin, moved_skin
 from hhsim.repair.skin_depth import PushedOut, WrittenSkin, push_out, skin_depth
 from hhsim.repair.skin_hull import Palm, ball_cover, fit_radii, hand_with_skin
 from hhsim.repair.written_hand import NUMBERS, bone_frames, changed_hand
@@ -62,57 +61,8 @@ def test_distances_to_cones_are_those_to_all_their_spheres(seed: int) -> None:
     assert (gap <= least + 1e-12).all() and (gap >= least - 2e-5).all()
 
 
-def test_the_nearest_bone_is_found_over_the_frames() -> None:
-    # Points that stay within a body: near the middle of each phalanx, and of palm spheres far from the fingers.
+def test_a_model_without_triangles_has_no_skin() -> None:
     sample = skin_sample()
-    hand, fitted = sample.hand, sample.fitted
-    joints = np.array([hand.joints(*fitted.at(t)) for t in range(len(fitted.position))])
-    middles = 0.5 * (joints[:, :, :3] + joints[:, :, 1:]).reshape(-1, 15, 3)
-    turn = rotation_matrix(fitted.orientation)
-    palm = fitted.position[:, None] + np.array([[0.0, -0.02, -0.004], [0.01, -0.03, -0.004]]) @ turn.swapaxes(1, 2)
-    points = np.concatenate([palm, middles], axis=1)
-    assert nearest_bone(hand, fitted, points).tolist() == [0, 0, *range(1, 16)]
-    np.testing.assert_allclose(in_palm(fitted, palm)[:, 0], np.broadcast_to([0.0, -0.02, -0.004], (12, 3)), atol=1e-12)
-
-
-def test_a_skin_beside_the_recording_is_read(tmp_path: Path) -> None:
-    sample, path = skin_sample(), tmp_path / "skin.npz"
-    recording = joint_sample("right", 12).motion.changed(file_frame=Y_FRAME)
-    of_file = recording.file_frame.to_file(sample.skin.vertices)
-    # The recording leaves two of the file's frames out.
-    np.savez(path, vertices=np.concatenate([of_file[:1] + 9.0, of_file, of_file[:1]]), faces=sample.skin.faces)
-    recording = recording.changed(rows=np.arange(1, 13))
-    skin = read_skin(path, recording, sample.hand, sample.fitted)
-    np.testing.assert_allclose(skin.vertices, sample.skin.vertices, atol=1e-12)
-    assert np.array_equal(skin.faces, sample.skin.faces)
-    assert set(np.unique(skin.weights)) == {0.0, 1.0}
-    single = sample.skin.weights.max(axis=1) == 1.0
-    assert (skin.bone == sample.skin.bone)[single].mean() > 0.85
-
-
-def test_what_is_no_skin_is_refused(tmp_path: Path) -> None:
-    sample, path = skin_sample(), tmp_path / "skin.npz"
-    recording = joint_sample("right", 12).motion
-    vertices, faces = sample.skin.vertices, sample.skin.faces
-    broken = vertices.copy()
-    broken[3, 5] = np.nan
-    cases = [
-        ({"faces": faces}, "no array 'vertices', it holds faces; expected vertices and faces"),
-        ({"vertices": vertices[0], "faces": faces}, r"'vertices' has shape \(778, 3\); expected \(frames"),
-        ({"vertices": vertices[:5], "faces": faces}, "vertices of 5 frames; expected at least 12"),
-        ({"vertices": broken, "faces": faces}, "'vertices' has 3 NaN or infinite values"),
-        ({"vertices": vertices, "faces": faces + 0.5}, "'faces' has numbers that are not whole"),
-        ({"vertices": vertices, "faces": faces + 20}, "name a vertex that does not exist"),
-        ({"vertices": vertices, "faces": faces[:, :2]}, r"triangles have shape|expected \(F, 3\)"),
-    ]
-    for arrays, words in cases:
-        np.savez(path, **arrays)
-        with pytest.raises(InputError, match=words) as caught:
-            read_skin(path, recording, sample.hand, sample.fitted)
-        assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
-    path.write_bytes(b"no archive")
-    with pytest.raises(InputError, match="or a damaged one"):
-        read_skin(path, recording, sample.hand, sample.fitted)
     with pytest.raises(InputError, match="no triangles"):
         mano_skin(
             sample.model.__class__(**vars(sample.model) | {"faces": np.zeros((0, 3), np.int64)}), *sample.poses, NONE

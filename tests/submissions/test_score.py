@@ -31,8 +31,7 @@ from hhsim.submissions.scene_folder import (
     worded_scene,
     write_scene_folder,
 )
-from hhsim.submissions.score import MESH_DEPTH, OFF_BEST_MAX, Score, scene_of, score
-from hhsim.submissions.suspicions import BODY_DEPTH
+from hhsim.submissions.score import BODY_DEPTH, MESH_DEPTH, OFF_BEST_MAX, Score, scene_of, score
 from hhsim.verify.verify import verify
 
 CLASS = "project_out:ProjectOut"

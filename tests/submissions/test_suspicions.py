@@ -19,7 +19,7 @@ from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission
 from hhsim.submissions.scene_folder import example_submission
-from hhsim.submissions.suspicions import _free, require_scene, suspicions
+from hhsim.submissions.score import _free, require_scene, suspicions
 from hhsim.trees.contact_surface import contact_surface
 
 Arrays = dict[str, Any]
@@ -89,10 +89,6 @@ def rows(make: Change, names: Iterable[str] = PARTS) -> Damage:
 def lag(ticks: int) -> Damage:
     """Poses of other ticks under the right stamps."""
     return rows(lambda a: a[np.clip(np.arange(len(a)) - ticks, 0, len(a) - 1)], HandConfiguration._fields)
-
-
-def poses(position: Change, orientation: Change) -> Damage:
-    return lambda a: {"position": position(a["position"]), "orientation": orientation(a["orientation"])}
 
 
 def a_number(name: str, tick: int, value: float) -> Damage:

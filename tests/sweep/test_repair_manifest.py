@@ -28,10 +28,6 @@ object = "cube"
 hand = "left"
 columns = "columns.toml"
 """
-CSV = """recording,object,poses,hand,name,size_mm
-one.csv,cube,,left,first,
-seqs/s1/cup_pour_1.npz,meshes/cup.stl,poses/cup_pour_1.npy,,,85.5
-"""
 COLUMNS = '[columns]\ntime = "t"\n'
 
 
@@ -47,9 +43,9 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def load(folder: Path, text: str, name: str = "m.toml") -> list[PlannedRepair]:
-    (folder / name).write_text(text, encoding="utf-8")
-    return load_manifest(folder / name, folder / "out")[1]
+def load(folder: Path, text: str) -> list[PlannedRepair]:
+    (folder / "m.toml").write_text(text, encoding="utf-8")
+    return load_manifest(folder / "m.toml", folder / "out")[1]
 
 
 def test_a_pattern_names_its_parts_and_defaults_hold(folder: Path) -> None:
@@ -85,21 +81,11 @@ def test_a_part_is_what_the_rest_of_its_pattern_leaves(folder: Path, pattern: st
             load(folder, text)
 
 
-def test_a_table_has_a_row_each(folder: Path) -> None:
-    for text in (CSV, "\ufeff" + CSV, CSV.replace("\n", "\r\n")):
-        first, second = load(folder, text, "m.csv")
-        assert (first.name, first.request.hand) == ("first", "left")
-        assert (first.request.object, first.request.size) == ("cube", None)
-        assert second.name == "cup_pour_1" and second.request.size == 0.0855
-        assert second.request.object_poses == folder / "poses/cup_pour_1.npy"
-
-
 def test_an_object_may_be_a_thing_of_parts(folder: Path) -> None:
     (folder / "hinge.toml").write_text('[[body]]\nname = "a"\nbox = [0.1, 0.1, 0.1]\nfixed = true\n')
-    named, _ = load(folder, CSV.replace(",cube,", ",laptop,"), "m.csv")
-    assert named.request.object == "laptop"
-    given, _ = load(folder, CSV.replace(",cube,", ",hinge.toml,"), "m.csv")
-    assert given.request.object == str(folder / "hinge.toml")
+    for word, object_ in (("laptop", "laptop"), ("hinge.toml", str(folder / "hinge.toml"))):
+        (found,) = load(folder, f'version = 1\n[[recording]]\nrecording = "one.csv"\nobject = "{word}"\n')
+        assert found.request.object == object_
 
 
 def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
@@ -140,55 +126,31 @@ def test_what_was_written_is_no_recording_of_the_next_run(folder: Path) -> None:
         ("version = 1", "version = ", "m.toml: not TOML"),
     ],
 )  # fmt: skip
-def test_a_fault_of_toml_is_one_line(folder: Path, old: str, new: str, said: str) -> None:
+def test_a_fault_is_one_line(folder: Path, old: str, new: str, said: str) -> None:
     with pytest.raises(InputError) as caught:
         load(folder, TOML.replace(old, new))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("poses,hand", "pose,hand", "m.csv: line 1: unknown column 'pose': did you mean poses?"),
-        ("recording,object,poses", "recording,poses,poses", "m.csv: line 1: the columns are recording, poses, poses"),
-        ("85.5", "85,5", "m.csv: line 3: more cells than the 6 columns"),
-        ("85.5", "big", "m.csv: line 3: size_mm = 'big'; expected a number from 0.001 to 100000 mm"),
-        ("one.csv,cube", "one.csv,", "m.csv: line 2: object is missing; expected text of one line"),
-        ("one.csv,cube", '"one\n.csv",cube', "m.csv: line 3: recording = 'one\\n.csv'; expected text of one line"),
-        ("one.csv,cube", '"one.csv,cube', "m.csv: line 3: unexpected end of data"),
-        ("one.csv", "result.h5", "m.csv: line 2: recording: there is no file result.h5"),
-        (CSV, "", "m.csv: line 1: the columns are "),
-        (CSV, "recording,object\n", "m.csv: no row below the columns"),
-    ],
-)
-def test_a_fault_of_csv_is_one_line(folder: Path, old: str, new: str, said: str) -> None:
-    with pytest.raises(InputError) as caught:
-        load(folder, CSV.replace(old, new), "m.csv")
-    assert said in str(caught.value) and "\n" not in str(caught.value)
-
-
 def test_a_file_that_is_no_manifest_is_told(folder: Path) -> None:
     (folder / "outcome.json").write_text("")
-    for name, said in (("m.txt", r"expected a manifest of repairs, \.toml or \.csv"), ("no.csv", "no such file")):
-        with pytest.raises(InputError, match=said):
-            load_manifest(folder / name, folder / "out")
+    with pytest.raises(InputError, match="no such file"):
+        load_manifest(folder / "no.toml", folder / "out")
     with pytest.raises(InputError, match="is the name of a file beside it"):
-        load(folder, "recording,object\noutcome.json,cube\n", "m.csv")
+        load(folder, 'version = 1\n[[recording]]\nrecording = "outcome.json"\nobject = "cube"\n')
 
 
 @given(st.data())
 def test_damage_is_one_line_or_no_damage(tmp_path_factory: pytest.TempPathFactory, data: st.DataObject) -> None:
     """Bytes of a manifest are replaced or inserted; what is read has names for folders of their own."""
     folder = tmp_path_factory.mktemp("damage")
-    for name in ("one.csv", "r1.npz"):
-        (folder / name).write_text("")
-    suffix = data.draw(st.sampled_from((".toml", ".csv")))
+    (folder / "r1.npz").write_text("")
     toml = 'version = 1\n[[recording]]\nrecording = "{kind}*.npz"\nobject = "cube"\nname = "{stem}"\nrate = 30\n'
-    text = bytearray((toml if suffix == ".toml" else "recording,object,rate\none.csv,cube,30\nr1.npz,cube,\n").encode())
+    text = bytearray(toml.encode())
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(text)))
         text[at : at + data.draw(st.integers(0, 4))] = data.draw(st.binary(max_size=4))
-    path = folder / f"m{suffix}"
+    path = folder / "m.toml"
     path.write_bytes(bytes(text))
     try:
         rows = load_manifest(path, folder / "out")[1]

@@ -14,13 +14,11 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers, usual_wrist
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import SIDES, chosen_side, note, unreadable
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 
 LANDMARKS = (
     *(f"{finger}_tip" for finger in FINGERS),

@@ -12,7 +12,7 @@ length tells it. Its world has y up unless the options say otherwise.
 """
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import islice, takewhile
 
@@ -22,10 +22,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, chosen_side, note
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
 MOST_JOINTS = 2_000
@@ -65,23 +63,8 @@ class Joint:
     is_end: bool = False
     # Vector from the parent's joint, in the parent's frame, shape (3,); NaN until it is read.
     offset: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    channels: tuple[str, ...] = ()  # names in lower case, in their order
-    first: int = 0  # column of the first channel
+    columns: dict[str, int] = field(default_factory=dict)  # columns of its channels by name in lower case, in order
     children: list[int] = field(default_factory=list)  # indices of its children
-
-    @property
-    def turns(self) -> list[str]:
-        """Channels of rotation."""
-        return [channel for channel in self.channels if channel in ROTATIONS]
-
-    @property
-    def order(self) -> str:
-        """Letters of the axes of rotation, as scipy's."""
-        return "".join(channel[0].upper() for channel in self.turns)
-
-    def places(self, channels: Iterable[str]) -> list[int]:
-        """Return the columns of some of its channels."""
-        return [self.first + self.channels.index(channel) for channel in channels if channel in self.channels]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +86,12 @@ class Bvh:
             # Position channels stand for the offset, they do not add to it; but for those that are 0.
             shift = np.tile(joint.offset, (count, 1))
             for axis, channel in enumerate(POSITIONS):
-                for place in joint.places([channel]):
-                    shift[:, axis] = self.values[:, place]
+                if channel in joint.columns:
+                    shift[:, axis] = self.values[:, joint.columns[channel]]
             turn = np.tile(np.eye(3), (count, 1, 1))
-            if joint.turns:
-                turn = Rotation.from_euler(
-                    joint.order, self.values[:, joint.places(joint.turns)], degrees=True
-                ).as_matrix()
+            if turns := {channel: k for channel, k in joint.columns.items() if channel in ROTATIONS}:
+                order = "".join(channel[0].upper() for channel in turns)
+                turn = Rotation.from_euler(order, self.values[:, [*turns.values()]], degrees=True).as_matrix()
             if joint.parent >= 0:
                 parent = turned[:, joint.parent]
                 shift, turn = at[:, joint.parent] + np.einsum("tij,tj->ti", parent, shift), parent @ turn
@@ -157,7 +139,8 @@ def _hierarchy(lines: list[tuple[int, list[str]]]) -> tuple[tuple[Joint, ...], i
             if words[1:2] != [str(len(channels))] or not known:
                 expected = "expected CHANNELS, their number, names as Xposition"
                 raise TrajectoryError(f"{where}: {' '.join(words)[:60]}; {expected}")
-            inside.channels, inside.first, columns = channels, columns, columns + len(channels)
+            inside.columns = {channel: k for k, channel in enumerate(channels, start=columns)}
+            columns += len(channels)
         elif key == "MOTION" and joints and not open_joints and not declared:
             return tuple(joints), count
         else:
@@ -183,14 +166,14 @@ def _motion(lines: list[tuple[int, list[str]]], joints: tuple[Joint, ...], *, co
         # A number that was cut in the middle is a wrong number that looks like a right one.
         findings.append(note(f"line {rows[-1][0]}, the last one, has no line end: left out, it may have been cut"))
         rows = rows[:-1]
-    width = sum(len(joint.channels) for joint in joints)
+    width = sum(len(joint.columns) for joint in joints)
     values = np.array([_numbers(words, width, f"line {number}", "frame") for number, words in rows])
     zeros = 0
     for joint in joints:
-        places = joint.places(POSITIONS)
+        places = [k for channel, k in joint.columns.items() if channel in POSITIONS]
         largest = np.abs(values[:, places]).max(initial=0.0)
         if joint.parent >= 0 and places and largest < STILL_OFFSET * np.linalg.norm(joint.offset):
-            joint.channels = tuple("" if name in POSITIONS else name for name in joint.channels)
+            joint.columns = {channel: k for channel, k in joint.columns.items() if channel in ROTATIONS}
             zeros += 1
     if zeros:
         text = f"{counted(zeros, 'joint')} with position channels that are 0 in every frame: each stands at its OFFSET"
@@ -302,14 +285,8 @@ def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
 
 def side_of(name: str) -> HandSide:
     """Return the side in a joint's name, or ""."""
-    plain = name.rsplit(":", 1)[-1]
-    said = next((side for word in _words(plain) for side in SIDES if word.startswith(side)), None)
-    if said is not None:
-        return said
-    match = re.match(r"([rlRL])(?=[A-Z_])", plain) or re.search(r"[ ._-]([rlRL])(?=$|[ ._-])", plain)
-    if match is None:
-        return ""
-    return "right" if match.group(1) in "rR" else "left"
+    words = _words(name.rsplit(":", 1)[-1])
+    return next((side for word in words for side in SIDES if word == side[0] or word.startswith(side)), "")
 
 
 def finger_of(name: str) -> str:

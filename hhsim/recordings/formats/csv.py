@@ -1,7 +1,6 @@
 """Recordings from CSV: our own columns, or any others by a `hhsim.recordings.column_map.ColumnMap`."""
 
 import numpy as np
-from msgspec import structs
 
 from hhsim.errors import InputError
 from hhsim.motion.csv_file import (
@@ -17,47 +16,24 @@ from hhsim.motion.csv_file import (
 )
 from hhsim.motion.csv_table import NewColumn, Table, read_table
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
-from hhsim.recordings.column_map import ColumnMap, mapped, stamp_columns
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.correction import ANGLE_DIGITS, Changes
-from hhsim.recordings.frames import FileFrame, to_our_frames
-from hhsim.recordings.object_poses import placed, poses_in, table_arrays
-from hhsim.recordings.recording import MOTION, SIDES, Finding, HandMotion, Recording, note, unreadable, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.column_map import mapped
+from hhsim.recordings.frames import FileFrame
+from hhsim.recordings.recording import MOTION, SIDES, Recording, note, unreadable, unused
+from hhsim.recordings.registry import ANGLE_DIGITS, Changes, Content, ReadOptions, RecordingFormat
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table by the mapping of the options, or of our own columns; raises TrajectoryError or InputError."""
     if options.dexmo is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
-    columns = columns_of(options)
-    if columns is None:
-        recording = _own(read_table(content.text), options)
-        if recording.hand not in SIDES:
-            return recording.changed(hand="")
-        # The side that a remark names is part of the format.
-        content.stated.hide("side")
-        return recording
-    table = read_table(content.text)
-    return with_columns(mapped(table, columns), table, columns, options)
-
-
-def with_columns(recording: Recording, table: Table, columns: ColumnMap, options: ReadOptions) -> Recording:
-    """Return the recording of a mapped table with the object whose pose is in its columns, and those not used named."""
-    findings: list[Finding] = []
-    arrays, moved = table_arrays(table, findings)
-    stamps = () if columns.time is None else stamp_columns(table, columns.time).names
-    recording = recording.found(*findings, *unused(dict.fromkeys(table.header), moved | columns.names | {*stamps}))
-    return placed(recording, poses_in(arrays, len(table.rows), options))
-
-
-def columns_of(options: ReadOptions) -> ColumnMap | None:
-    """Return the mapping of the options with their frames; None for our own columns."""
-    columns = options.columns
-    if columns is None:
-        return None
-    axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
-    return structs.replace(columns, palm_axes=tuple(axes), world_up=up, mirror=options.mirror or columns.mirror)
+    if options.columns is not None:
+        return mapped(read_table(content.text), options.columns, options)
+    recording = _own(read_table(content.text), options)
+    if recording.hand not in SIDES:
+        return recording.changed(hand="")
+    # The side that a remark names is part of the format.
+    content.stated.hide("side")
+    return recording
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
@@ -71,8 +47,9 @@ def _write(content: Content, options: ReadOptions, recording: Recording, made: C
     return content.edited(table, made.rows, new)
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
-    return format_csv(Trajectory(time=motion.time, **motion.configuration._asdict(), hand=motion.side)).encode()
+def _make(suffix: str, recording: Recording) -> bytes:
+    motion = {key: getattr(recording, key) for key in ("time", *MOTION, "hand")}
+    return format_csv(Trajectory(**motion)).encode()
 
 
 def _own(table: Table, options: ReadOptions) -> Recording:
@@ -84,19 +61,17 @@ def _own(table: Table, options: ReadOptions) -> Recording:
         findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))
     if FLAGS in fields:
         fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
-    axes, up = options.palm_axes, options.world_up
-    pose = to_our_frames(fields["position"], fields["orientation"], axes, up, options.mirror)
+    frame = FileFrame.of(options.world_up, options.mirror)
+    pose = frame.poses(fields["position"], fields["orientation"], options.palm_axes)
     fields["position"], fields["orientation"] = pose
     if "object_motion" in fields:
-        place, turn = fields["object_motion"]
-        fields["object_motion"] = ObjectMotion(*to_our_frames(place, turn, None, up, options.mirror))
+        fields["object_motion"] = ObjectMotion(*frame.poses(*fields["object_motion"]))
     elif POSE_SIZES.keys() & fields.keys():
         place, turn = fields.get("object_position", np.zeros(3)), fields.get("object_orientation", np.eye(4)[0])
-        place, turn = to_our_frames(place[None], turn[None], None, up, options.mirror)
+        place, turn = frame.poses(place[None], turn[None])
         fields |= {"object_position": place[0], "object_orientation": turn[0]}
     findings += unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
-    fields["file_frame"] = FileFrame.of(up, options.mirror)
-    return Recording(**fields, form="hhsim csv", findings=tuple(findings))
+    return Recording(**fields, form="hhsim csv", findings=tuple(findings), file_frame=frame)
 
 
 FORMAT = RecordingFormat(
@@ -109,5 +84,4 @@ FORMAT = RecordingFormat(
     takes_columns=True,
     write=_write,
     make=_make,
-    made=(CSV_SUFFIX,),
 )

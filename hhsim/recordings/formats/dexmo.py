@@ -13,19 +13,13 @@ from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
-from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
-from hhsim.recordings.recording import Recording, unreadable, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.recording import Recording, unreadable
+from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
 MOST_NORMALISED = 1.5
 """Larger channels are raw counts."""
-
-
-def has_dexmo_channels(header: tuple[str, ...]) -> bool:
-    """True if a table has all eleven channels."""
-    return set(CHANNELS) <= {ALIAS.get(name, name) for name in header}
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -40,16 +34,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         position=PositionColumns(("px", "py", "pz")) if places else None,
         orientation=OrientationColumns(("qw", "qx", "qy", "qz")) if turns else None,
         device="Dexmo",
-        mirror=options.mirror,
     )
-    recording = mapped(table, columns)
+    recording = mapped(table, columns, options, CHANNELS)
     readings, broken = table.numbers(CHANNELS)
     calibration = options.dexmo or DexmoRegression.default()
     if not calibration.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         reached = np.nanmax(np.abs(readings))
         raise InputError(f"channels reach {reached:g}: raw counts; expected 0 to 1, or a calibration: --calibration")
     flexion, abduction = calibration.angles(readings)
-    recording = recording.found(*unused(dict.fromkeys(table.header), columns.names | {*CHANNELS}))
     recording = recording.changed(flexion=flexion, abduction=abduction, stated=frozenset({"angle"}))
     text = "joints beyond the first by linear regression"
     recording = recording.flagged(np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED, text)
@@ -60,6 +52,8 @@ FORMAT = RecordingFormat(
     "dexmo",
     "a table of a Dexmo glove's eleven channels",
     (CSV_SUFFIX,),
-    lambda content, options: options.columns is None and has_dexmo_channels(content.header),
+    lambda content, options: (
+        options.columns is None and {*CHANNELS} <= {ALIAS.get(name, name) for name in content.header}
+    ),
     _read,
 )

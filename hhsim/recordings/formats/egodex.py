@@ -13,9 +13,8 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions, opened_hdf5
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.recording import SIDES, chosen_side, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 
 GROUP, RATE = "transforms", 30.0
 PARTS = ("Knuckle", "IntermediateBase", "IntermediateTip", "Tip")

@@ -18,7 +18,6 @@ or later, and its object stays where it was.
 import io
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,13 +27,12 @@ from hhsim.motion.npz_arrays import array_names, npz_with, read_npy
 from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
-from hhsim.recordings.formats.keypoints import joints_of_array
+from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
-from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
@@ -91,13 +89,14 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> JointPositions:
     """Return the joints of a processed sequence, which need no model of the hand."""
     side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
-    joints = joints_of_array(arrays[PROCESSED[side]], PROCESSED[side], content, options)
-    poses = poses_in(arrays, len(joints.position), options)
+    points = points_of(arrays[PROCESSED[side]], PROCESSED[side], content)
+    poses = poses_in(arrays, len(points), options)
     if poses is not None and poses.metre is None:
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
     remarks += unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
-    return replace(joints, findings=remarks, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
+    fields, _ = joints_of_rows(points, content, options)
+    return JointPositions(**fields, findings=remarks, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:

@@ -10,9 +10,8 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import HDF5_SUFFIXES, read_fields
 from hhsim.motion.trajectory import HandSide, Trajectory
 from hhsim.recordings.content import HDF5, Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.recording import MOTION, Recording
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Changes, RecordingFormat
 from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.system.checksummed_file import MARK, SIZE, seal_holds, sealed
 from hhsim.system.hdf5_input import require_own_data

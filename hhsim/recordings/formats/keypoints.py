@@ -23,25 +23,22 @@ from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, 
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
 from hhsim.recordings.joint_arrays import (
     ORDERS,
-    beside_points,
     columns_of_hand,
     frames_in,
     joint_columns,
     joints_of_frames,
+    joints_of_rows,
     joints_of_table,
     listed_joints,
     located,
-    ordered,
     row_names,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import HandMotion, Recording, note, readings, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.recording import Recording, note, readings, unused
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 COUNT = len(KEYPOINTS)
@@ -62,18 +59,20 @@ FEWEST_NAMED = 4
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
     if content.head.startswith(NPY):
-        return joints_of_array(read_npy(content.data), "the array", content, options)
+        points = points_of(read_npy(content.data), "the array", content)
+        return JointPositions(**joints_of_rows(points, content, options)[0])
     if content.head.startswith(ZIP):
         return _from_npz(content, options)
     if content.is_json:
         return joints_of_frames(content, options, *frames_in(content.document))
     table, names, notes = _named_table(content)
     joints = joints_of_table(table, names, options)
-    return replace(joints, findings=[*map(note, notes), *joints.findings], **ordered(joints.position, content, options))
+    fields, _ = joints_of_rows(joints.position, content, options)
+    return replace(joints, findings=[*map(note, notes), *joints.findings], **fields)
 
 
-def joints_of_array(array: Any, where: str, content: Content, options: ReadOptions, **more: Any) -> JointPositions:
-    """Return the joints in an array of points, with more fields of `JointPositions`."""
+def points_of(array: Any, where: str, content: Content) -> FloatArray:
+    """Return rows of points, shape (T, n, 3), NaN for what is no reading; TrajectoryError for another array."""
     # A damaged float32 can be a signalling NaN, which would be warned of.
     with np.errstate(invalid="ignore"):
         values = as_numbers(where, array)
@@ -81,12 +80,7 @@ def joints_of_array(array: Any, where: str, content: Content, options: ReadOptio
         raise TrajectoryError(f"{where} has shape {values.shape}; expected {SHAPES}{LACKING.get(values.shape[1:], '')}")
     if not len(values):
         raise TrajectoryError(f"{where} has shape {values.shape}: no samples")
-    return JointPositions(**ordered(_points(values), content, options) | more)
-
-
-def _points(array: Any) -> FloatArray:
-    """Return rows of points, shape (T, n, 3)."""
-    points = np.asarray(array, dtype=np.float64).reshape(len(array), -1, 3)
+    points = values.reshape(len(values), -1, 3)
     return readings("position", points, points.shape)
 
 
@@ -100,15 +94,14 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
             raise TrajectoryError("an Excel workbook is not read; save it as CSV")
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     key = _points_key(content, options)
-    count, stamps, poses = len(arrays[key]), time_column(arrays), None
+    points, stamps = points_of(arrays[key], f"array '{key}'", content), time_column(arrays)
+    count = len(points)
     time = None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count))
-    unit = None if stamps is None else stamps.unit
-    joints = joints_of_array(arrays[key], f"array '{key}'", content, options, time=time, time_unit=unit)
+    fields, used = joints_of_rows(points, content, options, arrays)
     poses = poses_in(arrays, count, options)
-    fields, used = beside_points(arrays, count, row_names(_points(arrays[key]), content, options)[0])
     used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
-    findings = [*joints.findings, *unused(arrays, used)]
-    return replace(joints, **fields, object_poses=poses, findings=findings)
+    unit = None if stamps is None else stamps.unit
+    return JointPositions(**fields, time=time, time_unit=unit, object_poses=poses, findings=unused(arrays, used))
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:
@@ -158,7 +151,7 @@ def _moved(array: Any, content: Content, options: ReadOptions, made: Changes) ->
     A missing number, and a joint without a correction, stay.
     """
     values = np.array(array, dtype=np.float64).reshape(len(array), -1, 3)
-    for place, joint in enumerate(row_names(_points(array), content, options)[0]):
+    for place, joint in enumerate(row_names(points_of(array, "the array", content), content, options)[0]):
         moved = made.moved(joint, values[made.rows, place])
         values[made.rows, place] = np.where(np.isfinite(moved), moved, values[made.rows, place])
     return values
@@ -199,13 +192,14 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
     return table, names, notes
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
+def _make(suffix: str, recording: Recording) -> bytes:
     """Return keypoints in our world, z up, which the format does not say."""
+    time, joints, side = recording.time, recording.joints, recording.hand
+    assert joints is not None
     if suffix == ".npz":
-        hand = {"hand": np.array(motion.side)} if motion.side else {}
-        return npz_of({"keypoints": motion.joints, "t": motion.time, **hand})
-    header = ["time_s", *(f"{motion.side}_lm{k:02d}_{axis}" for k in range(COUNT) for axis in "xyz")]
-    rows = np.column_stack([motion.time, motion.joints.reshape(len(motion.joints), -1)]).tolist()
+        return npz_of({"keypoints": joints, "t": time, **({"hand": np.array(side)} if side else {})})
+    header = ["time_s", *(f"{side}_lm{k:02d}_{axis}" for k in range(COUNT) for axis in "xyz")]
+    rows = np.column_stack([time, joints.reshape(len(joints), -1)]).tolist()
     return format_table({}, header, (list(map(repr, row)) for row in rows)).encode()
 
 
@@ -238,5 +232,4 @@ FORMAT = RecordingFormat(
     _read,
     write=_write,
     make=_make,
-    made=(".npz", ".csv"),
 )

@@ -16,15 +16,12 @@ from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.formats.csv import columns_of, with_columns
 from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import MOST, number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 
@@ -43,10 +40,8 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     findings: list[Finding] = []
     rows = _episode(columns, options, findings)
     content.stated = StatedFields({name: cells.to_pylist() for name, cells in columns.items() if kind_of(name)})
-    if (mapping := columns_of(options)) is not None:
-        table = _table(columns, rows, info)
-        recording = mapped(table, mapping).found(*findings).changed(rows=rows)
-        return with_columns(recording, table, mapping, options)
+    if options.columns is not None:
+        return mapped(_table(columns, rows, info), options.columns, options).found(*findings).changed(rows=rows)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
     if hands.shape[1] not in (width, width // 2):

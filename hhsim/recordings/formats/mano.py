@@ -28,12 +28,10 @@ from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
-from hhsim.recordings.correction import Changes
-from hhsim.recordings.joint_positions import JointPositions
 from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import poses_in
 from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
@@ -76,8 +74,6 @@ MEAN = ("pca", "axis-angle-mean")
 """Readings from the model's mean pose."""
 STILL = 1e-9
 """Largest displacement that needs no translation [m]."""
-Parameters = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""Rotation, pose, translation and betas, as `ManoModel.keypoints` takes them."""
 
 
 def posed_tree(parents: Sequence[int], rest: FloatArray, turns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -233,10 +229,10 @@ class ManoPoses(NamedTuple):
             raise InputError(f"{other}: is it the other hand's? Say --mano-model")
         return model, path.name
 
-    def parameters(self, options: ReadOptions) -> Parameters:
-        """Return the parameters of the options' model in every sample."""
-        angles = self.model(options)[0].angles(self.pose, self.reading(options))
-        return self.rotation, angles, self._shift(), self.betas
+    def parameters(self, options: ReadOptions) -> tuple[ManoModel, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return the options' model, and what its `keypoints` takes for every sample."""
+        model = self.model(options)[0]
+        return model, self.rotation, model.angles(self.pose, self.reading(options)), self._shift(), self.betas
 
     def joints(self, options: ReadOptions) -> JointPositions:
         """Return the joints by the options' model and reading."""

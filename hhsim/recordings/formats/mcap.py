@@ -7,7 +7,6 @@ in the statistics, are checked where they are there.
 """
 
 import io
-import re
 import struct
 from typing import Any
 
@@ -16,11 +15,9 @@ from numpy.typing import NDArray
 
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
-from hhsim.recordings.joint_positions import JointPositions
+from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, joint_name
 from hhsim.recordings.recording import MOST_SAMPLES, chosen_side, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
 
@@ -57,14 +54,16 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         raise TrajectoryError(str(error)) from None
     samples: dict[HandSide, list[Sample]] = {}
     for topic, log_time, record in hands:
-        samples.setdefault(_side(topic), []).append(_sample(log_time, record))
+        samples.setdefault(joint_name(topic).side, []).append(_sample(log_time, record))
     if not samples:
         held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels})[:4])
         what = f"no hand among the channels, which are {held or 'none'}"
         raise TrajectoryError(f"{what}; expected {HAND_SCHEMA} on left_hand or right_hand")
     seen = {side: [k for k, sample in enumerate(each) if sample[1] is not None] for side, each in samples.items()}
     side, findings = chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
-    findings += unused(dict.fromkeys(topic for topic, schema in channels if not _side(topic) or schema != HAND_SCHEMA))
+    findings += unused(
+        dict.fromkeys(topic for topic, schema in channels if not joint_name(topic).side or schema != HAND_SCHEMA)
+    )
     total, shown = len(samples[side]), [samples[side][k] for k in seen[side]]
     if not shown:
         raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
@@ -97,11 +96,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
     )
 
 
-def _side(topic: str) -> HandSide:
-    words = re.findall("[a-z]+", topic.lower())
-    return "right" if "right" in words else "left" if "left" in words else ""
-
-
 def _read_messages(data: bytes) -> Messages:
     from mcap.records import Channel, Message, Schema, Statistics
     from mcap.stream_reader import StreamReader
@@ -121,7 +115,7 @@ def _read_messages(data: bytes) -> Messages:
             if messages > MOST_SAMPLES:
                 raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
             topic, schema = channels.get(record.channel_id, ("", ""))
-            if schema == HAND_SCHEMA and _side(topic):
+            if schema == HAND_SCHEMA and joint_name(topic).side:
                 hands.append((topic, record.log_time, record.data))
         elif isinstance(record, Statistics) and record.message_count != messages:
             what = f"a damaged MCAP file: {counted(messages, 'message')}"

@@ -16,13 +16,12 @@ from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.content import ZIP, Content, ReadOptions
-from hhsim.recordings.correction import Changes
-from hhsim.recordings.frames import OURS, FileFrame, to_our_frames
+from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
-from hhsim.recordings.recording import Finding, HandMotion, Recording, note, unused
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.recording import Finding, Recording, note, unused
+from hhsim.recordings.registry import Changes, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
 """Names of the orientation, and the order of its rows; None takes that of `--pose-order`, else w, x, y, z."""
@@ -67,7 +66,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         axes = OURS
     if tuple(axes) != OURS or up != "z":
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
-    position, orientation = to_our_frames(position, orientation, axes, up, options.mirror)
+    file_frame = FileFrame.of(up, options.mirror)
+    position, orientation = file_frame.poses(position, orientation, axes)
     poses = poses_in(arrays, count, options, order=options.pose_order or "wxyz", strict=True)
     rows = {name: arrays[name] for name in (turn, *(poses.names if poses is not None else ()))}
     plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
@@ -89,7 +89,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         source=meta.get("source", ""),
         licence=meta.get("licence", ""),
         device=meta.get("device", ""),
-        file_frame=FileFrame.of(up, options.mirror),
+        file_frame=file_frame,
     )
     if meta.get("note"):
         findings.append(note(f"the file says: {meta['note']}"))
@@ -105,10 +105,10 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording.flagged((lost & ~none) | doubtful, SampleFlag.INVALID, text)
 
 
-def _make(suffix: str, motion: HandMotion) -> bytes:
-    hand = motion.configuration
-    pose = {"t": motion.time, "wrist_pos": hand.position, "wrist_quat_wxyz": hand.orientation}
-    return npz_of(pose | {"flex": hand.flexion, "abd": hand.abduction, "meta": json.dumps({"hand": motion.side})})
+def _make(suffix: str, recording: Recording) -> bytes:
+    pose = {"t": recording.time, "wrist_pos": recording.position, "wrist_quat_wxyz": recording.orientation}
+    meta = json.dumps({"hand": recording.hand})
+    return npz_of(pose | {"flex": recording.flexion, "abd": recording.abduction, "meta": meta})
 
 
 def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
@@ -134,5 +134,4 @@ FORMAT = RecordingFormat(
     _read,
     write=_write,
     make=_make,
-    made=(".npz",),
 )

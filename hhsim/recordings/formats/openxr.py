@@ -7,11 +7,9 @@ Unity's left-handed one.
 
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.csv_table import read_table
-from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.joint_arrays import joint_columns, joints_of_table, located
 from hhsim.recordings.joint_names import joint_name
-from hhsim.recordings.joint_positions import JointPositions
-from hhsim.recordings.registry import RecordingFormat
+from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 
 FEWEST = 4
 """Number of joints with coordinates that mark this format."""

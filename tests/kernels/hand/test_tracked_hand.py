@@ -18,7 +18,7 @@ from hhsim.recordings.finger_ik import (
     palm_in_knuckles,
     palm_origin,
 )
-from hhsim.recordings.frames import in_palm, to_our_world, world_matrix
+from hhsim.recordings.frames import FileFrame, in_palm, world_matrix
 
 
 def our_hand(side: Literal["right", "left"]) -> OurHand:
@@ -45,7 +45,9 @@ def test_it_is_what_the_importer_makes_of_the_same_joints(
     fingers = points[:, 1:].reshape(-1, 5, 4, 3)
     orientation = palm_from_knuckles(fingers[:, 1:, 0], points[:, 0], side)
     flexion, abduction = finger_angles(in_palm(np.diff(fingers, axis=2), orientation), side)
-    position, orientation = to_our_world(palm_origin(fingers[:, 1:, 0], orientation, side), orientation, "y")
+    position, orientation = FileFrame.of("y", None).poses(
+        palm_origin(fingers[:, 1:, 0], orientation, side), orientation
+    )
     ours, turn = our_hand(side), np.zeros((3, 3))
     for k, joints in enumerate(points):
         found = (np.zeros(3), np.zeros(4), np.zeros((5, 3)), np.zeros(5))

@@ -19,6 +19,7 @@ from hhsim.motion.csv_file import format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
 from hhsim.recordings.column_map import ColumnMap
+from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.frames import turned, world_matrix
 from hhsim.recordings.joint_arrays import ORDERS, order_by_bones
 from hhsim.recordings.joint_names import JOINT_ORDERS, KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, WEBXR_JOINTS
@@ -215,6 +216,12 @@ def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:
 def test_of_two_models_each_hand_takes_its_own(tmp_path: Path) -> None:
     path, options = laid_out(CASES["mano, lines, left"], tmp_path)
     assert "model model_left.npz" in words(read_recording(path, options))
+    content = Content.of_recording(path)
+    mano = format_of(content, options).mano
+    assert mano is not None
+    model, *parameters = mano(content, options)
+    assert np.array_equal(model.template, read_mano_model(tmp_path / "MODEL_LEFT.npz").template)
+    assert model.keypoints(*parameters).shape == (COUNT, 21, 3)
     (tmp_path / "MODEL_LEFT.npz").unlink()
     with pytest.raises(InputError, match=r"left hand, but the model is called .*: is it the other hand's\?"):
         read_recording(path, options)
