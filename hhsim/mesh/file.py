@@ -1,12 +1,9 @@
 """Mesh files: OBJ, OFF, STL, any other format that trimesh reads, as plain arrays; and exact binary PLY."""
 
-import bz2
-import gzip
 import re
 import warnings
 import zipfile
 from codecs import BOM_UTF8
-from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,9 +18,8 @@ from hhsim.mesh.topology import polygon_triangles
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import check_ordinary, media_kind_of, most_unpacked, open_input
 
-ARCHIVES = ("zip", "tar.bz2", "tar.gz", "bz2")
-"""Kinds of files that hold mesh files, one that ends as another one before it."""
 INSTEAD = {
+    **dict.fromkeys(("zip", "gz", "bz2", "tar", "tgz", "7z", "rar"), "an archive; unpack the mesh and what it names"),
     **dict.fromkeys(("step", "stp", "iges", "igs"), "a CAD model; export STL, OBJ or PLY"),
     **dict.fromkeys(("fbx", "blend", "usd", "usdc", "usdz", "3ds"), "a 3-D scene; export OBJ, PLY, STL or GLB"),
     "xacro": "a robot with macros of xacro; expand it: xacro FILE > FILE.urdf",
@@ -66,15 +62,14 @@ def read_mesh(path: Path) -> MeshOfFile:
         check_ordinary(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
-    name = path.name.lower()
-    kind = next((each for each in ARCHIVES if name.endswith(f".{each}")), path.suffix.lower().removeprefix("."))
+    kind = path.suffix.lower().removeprefix(".")
     if kind not in READERS:
         _require_known(path, kind)
     size = _unpacked_size(path)
     try:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         refusal = f"cannot be read as .{kind}: damaged, too large, or of another kind"
-        found = read_in_child(lambda: _joined(path, kind), refusal, size)
+        found = read_in_child(lambda: _whole(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
     _require_resolution(found.vertices, str(path))
@@ -85,11 +80,11 @@ def _require_known(path: Path, kind: str) -> None:
     """Raise MeshError for a kind of file that trimesh, which is imported, does not read."""
     import trimesh
 
-    formats = trimesh.available_formats()
-    if kind in formats:
-        return
     if kind in INSTEAD:
         raise MeshError(f"{path}: {INSTEAD[kind]}")
+    formats = trimesh.available_formats() - INSTEAD.keys()
+    if kind in formats:
+        return
     if kind in PACKAGES:
         raise MeshError(f"{path}: .{kind} is read with the package {PACKAGES[kind]}: pip install {PACKAGES[kind]}")
     known = ", ".join(sorted(formats))
@@ -114,25 +109,21 @@ def _require_resolution(vertices: FloatArray, name: str) -> None:
         raise MeshError(f"{name}: {far}: move it to the origin, in the program that made it")
 
 
-def _joined(path: Path, kind: str) -> MeshOfFile:
-    """Read all meshes of a file, and import the rest of what the format needs; errors as of `read_mesh`."""
-    found, metres = list[Triangles](), set[float | None]()
-    for name, content, each, resolver in _files(path, kind):
-        try:
-            parts, metre = _parts(content, each, resolver)
-        except MeshError as error:
-            raise MeshError(f"{name}: {error}") from error
-        found += parts
-        metres.add(metre)
+def _whole(path: Path, kind: str) -> MeshOfFile:
+    """Read all meshes of a file as one, and import the rest of what the format needs; errors as of `read_mesh`."""
+    with open_input(path) as file:
+        content = file.read()
+    try:
+        found, metre = _parts(content, kind, _ordinary_files_beside(path))
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
     if not found:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
-    if len(metres) > 1:
-        raise MeshError(f"{path}: it holds meshes of several units; expected those of one")
     starts = np.cumsum([0] + [len(part.vertices) for part in found[:-1]])
     return MeshOfFile(
         np.concatenate([part.vertices for part in found]),
         np.concatenate([part.faces + start for part, start in zip(found, starts)]),
-        metres.pop(),
+        metre,
         tuple(warning for part in found for warning in part.warnings),
     )
 
@@ -188,42 +179,18 @@ def _of_ply(mesh: Any, content: bytes) -> Triangles:
     return Triangles(vertices, polygon_triangles(vertices, corners.astype(np.int64), sizes))
 
 
-def _files(path: Path, kind: str) -> Iterator[tuple[str, bytes, str, Any]]:
-    """Yield the mesh files in a file, with name, content, kind and resolver: itself, or those of an archive."""
-    with open_input(path) as file:
-        if kind not in ARCHIVES:
-            yield str(path), file.read(), kind, _ordinary_files_beside(path)
-            return
-        import trimesh
-
-        alone = {path.stem: BytesIO(bz2.decompress(file.read()))} if kind == "bz2" else {}
-        members: dict[str, Any] = alone or trimesh.util.decompress(file, kind.partition(".")[0])
-        for name, member in members.items():
-            each = Path(name).suffix.lower().removeprefix(".")
-            # A Mac puts notes of its own into archives, under the names of the files.
-            if each in trimesh.available_formats() and each not in ARCHIVES and "__MACOSX" not in name:
-                yield f"{path}: {name}", member.read(), each, trimesh.resolvers.ZipResolver(members)
-
-
 def _unpacked_size(path: Path) -> int:
-    """Return the size of a file's content, unpacked [byte]; MeshError for more than such a file can be of."""
+    """Return the size of a file's content [byte], unpacked; MeshError for more than such a file can be of."""
     size = packed = path.stat().st_size
-    most = most_unpacked(packed) // MEMORY_OF_A_BYTE
     try:
         with open_input(path) as file:
             if zipfile.is_zipfile(file):
                 with zipfile.ZipFile(file) as archive:
                     size = sum(entry.file_size for entry in archive.infolist())
-            elif path.suffix.lower() in (".bz2", ".gz"):
-                file.seek(0)
-                with (bz2 if path.suffix.lower() == ".bz2" else gzip).open(file) as unpacked:
-                    size = 0
-                    while size <= most and (piece := unpacked.read(1 << 20)):
-                        size += len(piece)
-    except (zipfile.BadZipFile, EOFError, OSError, ValueError, NotImplementedError) as error:
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
         raise MeshError(f"{path}: a damaged archive: {' '.join(str(error).split())[:120]}") from None
-    if size > packed and size > most:
-        raise MeshError(f"{path}: {size:,} bytes or more in an archive of {packed:,}; expected a mesh")
+    if size > packed and size > most_unpacked(packed) // MEMORY_OF_A_BYTE:
+        raise MeshError(f"{path}: {size:,} bytes in an archive of {packed:,}; expected a mesh")
     return size
 
 

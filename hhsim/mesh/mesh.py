@@ -156,8 +156,7 @@ def unit_length_of(path: str | Path, unit: str | None = None, size: float | None
 def load_mesh(path: str | Path, unit: str | None = None, size: float | None = None, solid: bool | None = True) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
-    What is safe to repair is repaired. Otherwise the inside is where the winding number of the triangles exceeds 1/2,
-    if they enclose nearly all of it; else the mesh is refused.
+    What is safe to repair is repaired; else the mesh is refused, unless its triangles are taken as they are.
 
     Args:
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
@@ -206,8 +205,7 @@ def with_inside(mesh: Mesh, unit_length: float = 1.0, hint: str = "", solid: boo
     `hint` ends the message for a mesh that no hand can use. Raises MeshError, which begins with the mesh's source.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
-    from hhsim.mesh.repair import turned_triangles
-    from hhsim.mesh.solidify import solid_surface
+    from hhsim.mesh.repair import solid_surface, turned_triangles
 
     longest = float(mesh.extent.max()) * unit_length
     if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:

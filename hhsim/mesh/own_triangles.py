@@ -24,10 +24,10 @@ from hhsim.mesh.repair import (
     closed_surface,
     joined_parts,
     parting_faces,
+    tell_assumed,
     turn_outward,
 )
 from hhsim.mesh.shell import Shell
-from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
