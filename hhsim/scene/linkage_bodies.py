@@ -14,7 +14,7 @@ from typing import Any
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.linkage.file import link_mesh, read_linkage
-from hhsim.linkage.linkage import HERE, Link, Linkage, LinkJoint
+from hhsim.linkage.linkage import HERE, Link, LinkJoint, Robot
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.body import Joint, Keyframe, triple
 from hhsim.scene.body_file import BodyFile, BodySettings
@@ -63,13 +63,13 @@ def linkage_bodies(
         return BodyFile(tuple(bodies)).body, meshes
 
 
-def _moved_joints(linkage: Linkage, motion: object) -> dict[str, Joint]:
+def _moved_joints(linkage: Robot, motion: object) -> dict[str, Joint]:
     """Return each joint that a motion moves, by the name of its link.
 
     Raises UnknownNameError for a joint that the file has not, InputError for values beyond its limits.
     """
     given: Mapping[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
-    joints = {child: joint for child, joint in linkage.joints.items() if joint.type != "free"}
+    joints = {child: joint for child, joint in linkage.joint_of.items() if joint.type != "free"}
     known = {joint.name: child for child, joint in joints.items()} | {child: child for child in joints}
     if len(given) == 1 and len(joints) == 1:
         (word,), (child,) = given, joints
@@ -83,10 +83,8 @@ def _moved_joints(linkage: Linkage, motion: object) -> dict[str, Joint]:
     return found
 
 
-def _body(
-    linkage: Linkage, link: Link, moved: Mapping[str, Joint], free: bool, given: Mapping[str, Any]
-) -> BodySettings:
-    joint, own = linkage.joints.get(link.name), link.inertial
+def _body(linkage: Robot, link: Link, moved: Mapping[str, Joint], free: bool, given: Mapping[str, Any]) -> BodySettings:
+    joint, own = linkage.joint_of.get(link.name), link.inertial
     frame = HERE if joint is None else joint.frame
     about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion or 0.0}
     if own is not None and not {"mass", "density"} & set(given):
