@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_mesh
-from hhsim.mesh.shell import Shell
-from hhsim.mesh.topology import is_closed, merged_vertices
+from hhsim.mesh.topology import Shell, is_closed, merged_vertices
 from hhsim.ranges import check_range
 from hhsim.reproducible import dot, matmul, norm
 
@@ -175,7 +174,7 @@ def load_mesh(path: str | Path, unit: str | None = None, size: float | None = No
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
     if size is not None:
         check_range("size", size)
-    vertices, faces, stated, warnings = read_mesh(path)
+    vertices, faces, warnings, stated = read_mesh(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
     longest = float(mesh.extent.max())

@@ -27,8 +27,7 @@ from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.scene.body import CLEARANCE, Free
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.linkage_bodies import NONE, UNDER
+from hhsim.scene.declared_bodies import NONE, UNDER, DeclaredBodies, load_object
 from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, hand_of, scene_of
