@@ -209,7 +209,8 @@ def required_axis(axis: FloatArray) -> FloatArray:
     """Return an axis at length 1; InputError if it has no direction."""
     length = float(norm(axis))
     if not LEAST_LENGTH <= length < np.inf:
-        raise InputError(f"its axis is {_row(axis)}; expected a direction such as 0 0 1")
+        given = " ".join(f"{value:g}" for value in axis)
+        raise InputError(f"its axis is {given}; expected a direction such as 0 0 1")
     return np.asarray(axis / length)
 
 
@@ -324,10 +325,6 @@ def _plain_names(names: Sequence[str]) -> dict[str, str]:
             word, number = f"{base}-{number}", number + 1
         plain[name] = word
     return plain
-
-
-def _row(values: FloatArray) -> str:
-    return " ".join(f"{value:g}" for value in values)
 
 
 def robot_of(

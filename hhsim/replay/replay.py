@@ -83,15 +83,7 @@ class HandRun(HandRows):
             **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        of_body = (
-            *schema.POSE_COLUMNS,
-            *schema.MOTION_COLUMNS,
-            *schema.FREE_COLUMNS,
-            *((schema.OF_BODIES,) if seen.others else ()),
-        )
-        self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
-        of_contacts = ("body", *(column.name for column in schema.CONTACT_COLUMNS if column.name not in ("a", "b")))
-        self._contacts = KeptColumns(of_contacts if seen.free else ())
+        self._body, self._contacts = KeptColumns(), KeptColumns()
 
     def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
         """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
@@ -100,8 +92,10 @@ class HandRun(HandRows):
         given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
         made = self.rows(ticks, given, record)
         self._series.keep(made.seen)
-        self._body.keep(made.body)
-        self._contacts.keep(made.contacts)
+        # What one body that goes as recorded has is its poses alone, which no figure needs.
+        if self.solver.seen.free is not None:
+            self._body.keep(made.body)
+            self._contacts.keep(made.contacts)
         return made.tables
 
     def summary(self) -> ReplaySummary:

@@ -32,15 +32,16 @@ Columns = dict[str, AnyArray]
 
 
 class KeptColumns:
-    """Named datasets kept block by block, such as those that the table of a run needs."""
+    """Datasets kept block by block, such as those that the table of a run needs; without names all that are given."""
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(self, names: Iterable[str] = ()) -> None:
         self._blocks: dict[str, list[AnyArray]] = {name: [] for name in names}
+        self._all = not self._blocks
 
     def keep(self, block: Mapping[str, AnyArray]) -> None:
         """Keep the datasets of the next block."""
-        for name, blocks in self._blocks.items():
-            blocks.append(block[name])
+        for name in block if self._all else self._blocks:
+            self._blocks.setdefault(name, []).append(block[name])
 
     def __getitem__(self, name: str) -> AnyArray:
         blocks = self._blocks[name]

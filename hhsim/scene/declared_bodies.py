@@ -26,7 +26,10 @@ from hhsim.scene.body import (
     CLEARANCE,
     USUAL_FRICTION,
     Body,
+    BodyFile,
     BodyMotion,
+    BodySettings,
+    Drive,
     Driven,
     Fixed,
     Free,
@@ -36,7 +39,6 @@ from hhsim.scene.body import (
     composed,
     triple,
 )
-from hhsim.scene.body_file import BodyFile, BodySettings, Drive
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.system.settings_file import read_settings
 from hhsim.trees.hierarchy import build_hierarchy
@@ -177,7 +179,8 @@ class DeclaredBodies:
             driven: BodyMotion = Fixed()
             if carrier is not None or body.name in self.drives or body.name in values:
                 own = poses[body.name]
-                driven = Driven(own if carrier else own.at(_held(own)), values.get(body.name))
+                held = own if carrier else own.at(held_rows(np.concatenate(own, axis=1)))
+                driven = Driven(held, values.get(body.name))
             bearer = poses[body.bearer] if body.bearer else frame
             found[body.name] = self._placed(body, poses[body.name].at(0), bearer.at(0), driven, values)
         meshes = [one.placed_mesh for one in found.values() if isinstance(one, Body)]
@@ -247,10 +250,6 @@ def _place(pose: ObjectMotion) -> tuple[FloatArray, FloatArray]:
 def _is_still(poses: ObjectMotion) -> bool:
     """Return True for a frame that is that of the file at each of its poses."""
     return bool((poses.position == 0.0).all() and (poses.orientation == [1.0, 0.0, 0.0, 0.0]).all())
-
-
-def _held(poses: ObjectMotion) -> Any:
-    return held_rows(np.concatenate(poses, axis=1))
 
 
 def _require_apart(bodies: DeclaredBodies) -> None:
