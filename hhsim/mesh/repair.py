@@ -101,11 +101,6 @@ class MeshInRepair:
         return f"{1000.0 * self.unit_length * length + 0.0:.3g} mm"
 
 
-def percent(share: float) -> str:
-    """Return a share as text: two digits, or a whole number from 10 % on."""
-    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.2g} %"
-
-
 def solid_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
     """Repair a mesh as `closed_surface`; repairs also state how much of the surface is assumed."""
     surface = closed_surface(vertices, faces, name, unit_length)
@@ -417,7 +412,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
         raise surface.error(f"crosses itself: {_crossing(found)}")
     if faulty:
         surface.warnings.append(
-            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
+            f"crosses itself at about {100.0 * share:.2g} % of its surface (winding number {low:.2f} to {high:.2f})"
         )
 
 

@@ -149,7 +149,9 @@ class RerunScene:
         for name, (mesh, tree) in scene.bodies.items():
             self._fixed(f"{OBJECT}{name}", rerun_mesh(soup.mesh_surface(mesh, soup.STONE), STONE_COLOR))
             if scene.spheres:
-                self._fixed(f"{SPHERES}{name}", rerun_spheres(tree))
+                center, radius = tree.leaf_center, tree.leaf_radius
+                balls = rr.Ellipsoids3D(centers=center, radii=radius, colors=SPHERE_COLOR, fill_mode="solid")
+                self._fixed(f"{SPHERES}{name}", balls)
         for name, surface in zip(soup.PIECES, soup.piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
@@ -297,13 +299,6 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     for axis in range(3):
         normals[:, axis] = np.bincount(faces.ravel(), np.repeat(area[:, axis], 3), minlength=len(vertices))
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
-
-
-def rerun_spheres(tree: SphereTree) -> Any:
-    """Return the leaf spheres of a tree as rerun takes them."""
-    import rerun as rr
-
-    return rr.Ellipsoids3D(centers=tree.leaf_center, radii=tree.leaf_radius, colors=SPHERE_COLOR, fill_mode="solid")
 
 
 def rerun_mesh(surface: soup.Surface, color: tuple[int, int, int, int] | None = None) -> Any:
