@@ -69,6 +69,9 @@ BORDER_SAMPLES, SEED = 60_000, 20180
 LEAST_REPORTED = 1e-5
 """A smaller share of a surface is not told."""
 
+NO_REPAIR = "no safe repair, so mesh it anew in a mesh editor"
+"""End of the refusal of a mesh that is to be a solid, and cannot be made one."""
+
 ASSUMED_SOLID = "the guarantee is of the assumed solid"
 """Start of the sentence that says how much of the file's surface lies outside of its solid."""
 
@@ -314,7 +317,7 @@ def _require_closed(surface: MeshInRepair) -> None:
     fanned, open_edges = int(np.count_nonzero(count > 2)), int(np.count_nonzero(count == 1))
     faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
     what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
-    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
+    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; {NO_REPAIR}")
 
 
 def _unfold(surface: MeshInRepair) -> bool:
@@ -332,7 +335,7 @@ def _require_unfolded(surface: MeshInRepair) -> None:
     area = topology.face_areas(surface.vertices, surface.faces)
     if area[folded].sum() > CROSSING_SHARE * area.sum():
         count = counted(int(folded.sum()), "triangle")
-        raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
+        raise surface.error(f"folded over itself: {count} with no inside behind; {NO_REPAIR}")
 
 
 def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:
@@ -441,7 +444,7 @@ def _join(surface: MeshInRepair) -> tuple[int, int, float, float]:
 def _crossing(found: tuple[int, int, float, float]) -> str:
     faulty, tested, low, high = found
     where = f"at {faulty} of {tested} points beside the surface (from {low:.2f} to {high:.2f})"
-    return f"the winding number is neither 0 nor 1 {where}; no safe repair"
+    return f"the winding number is neither 0 nor 1 {where}; {NO_REPAIR}"
 
 
 def _require_sound_parts(surface: MeshInRepair) -> None:

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.moving_parts import bodies_mesh, result_parts
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.result.stored_hand import sphere_tree_of
@@ -78,24 +77,13 @@ def view_result(
 ) -> Viewed:
     """Show a result of a replay or a session, complete or not; by default in the notebook whose cell calls this.
 
-    Only every so-manieth tick is shown (`every`); plots but for forces show the worst of the ticks between. With
-    `spheres` the leaf spheres stand in place of the object's mesh. Raises InputError for a result without a tick, or
-    that cannot be read; and as `rerun_stream`, OutputError too.
+    Of a file of two hands as a whole both are shown. Only every so-manieth tick is shown (`every`); plots but for
+    forces show the worst of the ticks between. With `spheres` the leaf spheres stand in place of the object's mesh.
+    Raises InputError for a result without a tick, or that cannot be read; and as `rerun_stream`, OutputError too.
     """
-    return _view([result], target, every, progress, spheres=spheres)
-
-
-def view_file(
-    path: Path, target: RerunTarget, *, every: int = 1, spheres: bool = False, progress: Progress = silent
-) -> Viewed:
-    """Show every hand of a result file in one view; arguments and errors as of `view_result`."""
-    return _view([*load_result(path).hands.values()], target, every, progress, spheres=spheres)
-
-
-def _view(hands: Sequence[Result], target: RerunTarget, every: int, progress: Progress, *, spheres: bool) -> Viewed:
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
-    shown = []
+    hands, shown = [result] if result.name else list(result.hands.values()), []
     for result in hands:
         if result.ticks == 0:
             raise InputError(f"{result.label} holds no tick")
