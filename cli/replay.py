@@ -227,10 +227,11 @@ def command(
             document["repeated"] = repeated_document(runs)
             add_document(output_path, "repeated", document["repeated"])
         if rerun is not None:
+            from hhsim.result.reader import load_result
             from hhsim.view.sink import parse_target
-            from hhsim.view.viewer import view_file
+            from hhsim.view.viewer import view_result
 
-            view_file(output_path, parse_target(rerun), progress=report)
+            view_result(load_result(output_path), parse_target(rerun), progress=report)
     stuck = [summary.verdict.line for summary in hands.values() if summary.verdict.mostly_stuck]
     if output.quiet and not output.as_json:
         print_notes(stuck, prefix="missed")

@@ -70,7 +70,7 @@ def command(
         lines.append(f"{counted(frames, 'frame')} of {counted(first.ticks, 'tick')}, {seconds}, in {video}")
     if rerun is not None or video is None:
         from hhsim.view.sink import check_target, parse_target
-        from hhsim.view.viewer import MANY_TICKS, view_file
+        from hhsim.view.viewer import MANY_TICKS, view_result
 
         target = parse_target(rerun or "spawn")
         if rerun is None:
@@ -78,7 +78,7 @@ def command(
         if result.ticks // every > MANY_TICKS and not printing.quiet:
             print_notes([f"{result.ticks:,} ticks: a viewer is quicker with --every {-(-result.ticks // 60_000)}"])
         with progress(quiet=printing.quiet) as report:
-            viewed = view_file(file, target, every=every, spheres=spheres, progress=report)
+            viewed = view_result(result, target, every=every, spheres=spheres, progress=report)
         document |= viewed.to_json()
         lines.append(f"{viewed.shown:,} of {viewed.ticks:,} ticks went to {viewed.target}")
     printing.show({**document, "seconds": time.perf_counter() - begin}, *lines)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hhsim.linkage.linkage import Linkage
+from hhsim.linkage.linkage import Robot
 from hhsim.mesh.shapes import box
 
 BOX = '<collision><geometry><box size="{}"/></geometry></collision>'
@@ -64,12 +64,12 @@ def random_urdf(seed: int, links: int = 9) -> str:
     return urdf(*content)
 
 
-def places(linkage: Linkage, values: dict[str, float]) -> dict[str, np.ndarray]:
+def places(linkage: Robot, values: dict[str, float]) -> dict[str, np.ndarray]:
     """Place of each link in the file's frame as a 4 × 4 matrix, at values by the names of the joints."""
     found: dict[str, np.ndarray] = {}
     for each in linkage.links:
         here = np.eye(4)
-        moving = linkage.joints.get(each.name)
+        moving = linkage.joint_of.get(each.name)
         if moving is not None:
             here[:3, :3], here[:3, 3] = moving.frame
             move, value = np.eye(4), values.get(moving.name, 0.0)

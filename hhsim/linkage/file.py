@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from hhsim.errors import DamagedFileError, InputError, named
-from hhsim.linkage.linkage import Linkage, Robot, merged_linkage
+from hhsim.linkage.linkage import Robot, merged_linkage
 from hhsim.linkage.mjcf import read_mjcf
 from hhsim.linkage.urdf import mesh_file, read_urdf
 from hhsim.mesh.catalogue import MESH_LEVEL, load_object, names_a_file
@@ -32,8 +32,11 @@ def names_a_linkage(word: str | Path) -> bool:
     return Path(word).suffix.lower() in SUFFIXES
 
 
-def read_linkage(path: Path) -> Linkage:
-    """Read a URDF or MJCF file and its meshes; InputError names the file, the element, and what would be right."""
+def read_linkage(path: Path) -> Robot:
+    """Read a URDF or MJCF file and its meshes, links on fixed joints as one.
+
+    InputError names the file, the element, and what would be right.
+    """
     robot = _checked(path, True, True)
     with named(path):
         return merged_linkage(robot)
@@ -155,10 +158,9 @@ def resolve_object(
             if not link:
                 # The only link is where the file has it.
                 mesh = replace(mesh, name=Path(word).stem)
-                if isinstance(linkage, Linkage) and linkage.joints:
-                    mesh = mesh.transformed(*linkage.start_frames()[linkage.links[0].name])
-        notes = linkage.notes if isinstance(linkage, Linkage) else ()
-        return replace(mesh, warnings=(*mesh.warnings, *notes)), MESH_LEVEL
+                for joint in linkage.joints:
+                    mesh = mesh.transformed(*joint.start_frame)
+        return replace(mesh, warnings=(*mesh.warnings, *linkage.notes)), MESH_LEVEL
     if link:
         raise InputError(f"a link is of a URDF or MJCF file; '{word}' is none")
     if not names_a_file(word):
@@ -176,24 +178,21 @@ def solid_for(surface: str, asked: bool = False) -> bool | None:
     return True if asked else None if surface == "spheres" else False
 
 
-def _linkage_or_robot(path: Path, link: str) -> Linkage | Robot:
+def _linkage_or_robot(path: Path, link: str) -> Robot:
     """Return the linkage of a file; where it has no such link, or no scene can have its joints, all of its links."""
     try:
         linkage = read_linkage(path)
-        with named(path):
-            if link:
-                linkage.link(link)
+        if not link or any(one.name == link for one in linkage.links):
+            return linkage
     except InputError:
         if not link:
             raise
-        robot = read_robot(path, looks=True)
-        if any(one.name == link for one in robot.solid):
-            return robot
-        raise
-    return linkage
+    robot = read_robot(path, looks=True)
+    # Its notes are of a robot's spheres, and of joints.
+    return replace(robot, notes=()) if any(one.name == link for one in robot.solid) else read_linkage(path)
 
 
-def link_mesh(linkage: Linkage | Robot, name: str, source: str, solid: bool | None = True) -> Mesh:
+def link_mesh(linkage: Robot, name: str, source: str, solid: bool | None = True) -> Mesh:
     """Return the surface of a link [m] in its own frame, as `load_mesh` of a mesh file; InputError names the link."""
     vertices, faces = linkage.link(name).triangles
     about = f"link '{name}'"

@@ -1,7 +1,7 @@
 """Rigid links on hinges and sliders: one description of what URDF and MJCF say, and the merging of fixed joints."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -101,24 +101,32 @@ class LinkJoint:
     start: float = 0.0  # value at which the file's scene begins [rad] or [m]
     mimic: Mimic | None = None  # of a robot alone
 
-
-def _named_link(links: Sequence[Link], name: str) -> Link:
-    for link in links:
-        if link.name == name:
-            return link
-    raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in links)}")
+    @property
+    def start_frame(self) -> Frame:
+        """Place of the link in its parent's frame where the file's scene begins."""
+        if self.type == "slider":
+            return Frame(self.frame.rotation, self.frame.position + self.start * self.axis)
+        if self.type != "hinge":
+            return self.frame
+        turn = rotation_matrix(quaternion(self.start * self.axis))
+        return Frame(turn, self.origin - matmul(turn, self.origin)).after(self.frame)
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """Links in an order in which parents come first, and joints in the file's order; nothing is merged."""
+    """Links in an order in which parents come first, and their joints; one without a joint is in the file's frame."""
 
     name: str
     links: tuple[Link, ...]  # some have no shapes
-    joints: tuple[LinkJoint, ...]
-    notes: tuple[str, ...] = ()  # what was left out, one plain sentence each
-    on_world: bool = False  # True if the file fixes what has no joint to the world
+    joints: tuple[LinkJoint, ...]  # in the file's order
+    notes: tuple[str, ...] = ()  # what was left out or assumed, one plain sentence each
+    on_world: bool = False  # True if the file fixes what has no joint to the world, so that it is not free
     table: float | None = None  # height of a floor [m], in the file's frame
+
+    @property
+    def joint_of(self) -> dict[str, LinkJoint]:
+        """Joint of each link that has one, by the link's name."""
+        return {joint.child: joint for joint in self.joints}
 
     @property
     def solid(self) -> tuple[Link, ...]:
@@ -132,46 +140,20 @@ class Robot:
 
     def link(self, name: str) -> Link:
         """Return a link that has shapes, by its name; InputError lists them."""
-        return _named_link(self.solid, name)
+        for link in self.solid:
+            if link.name == name:
+                return link
+        raise InputError(f"no link '{name}'; it has {', '.join(link.name for link in self.solid)}")
 
 
-@dataclass(frozen=True, eq=False)
-class Linkage:
-    """Links in an order in which parents come first, and the joint of each that moves on its parent or the world."""
-
-    links: tuple[Link, ...]  # each has shapes
-    joints: Mapping[str, LinkJoint]  # by the name of the child; a link without one is fixed, its frame the file's own
-    on_world: bool = False  # True if the file fixes what has no joint to the world, so that it is not free
-    table: float | None = None  # height of a floor [m], in the file's frame
-    notes: tuple[str, ...] = ()  # what was left out or assumed, one plain sentence each
-
-    def link(self, name: str) -> Link:
-        """Return a link by its name; InputError lists them."""
-        return _named_link(self.links, name)
-
-    def start_frames(self) -> dict[str, Frame]:
-        """Return the frame of each link in that of the file where the joints begin, by its name; "" is the file's."""
-        found: dict[str, Frame] = {"": HERE}
-        for link in self.links:
-            joint = self.joints.get(link.name)
-            own = HERE if joint is None else joint.frame
-            if joint is not None and joint.type == "hinge":
-                turn = rotation_matrix(quaternion(joint.start * joint.axis))
-                own = Frame(turn, joint.origin - matmul(turn, joint.origin)).after(own)
-            elif joint is not None and joint.type == "slider":
-                own = Frame(own.rotation, own.position + joint.start * joint.axis)
-            found[link.name] = found["" if joint is None else joint.parent].after(own)
-        return found
-
-
-def merged_linkage(robot: Robot) -> Linkage:
-    """Return a linkage in which links on fixed joints are one with their parents.
+def merged_linkage(robot: Robot) -> Robot:
+    """Return a robot in which links on fixed joints are one with their parents, and each link has shapes.
 
     A merged link has the name and the frame of its first one; links without shapes at the ends of chains are left out.
     Raises InputError for links between two joints that have no shape, or no shapes at all.
     """
     notes, on_world = list(robot.notes), robot.on_world
-    parent_joint = {joint.child: joint for joint in robot.joints}
+    parent_joint = robot.joint_of
     # Of each link the first one of its rigid group, and its frame there.
     first: dict[str, str] = {"": ""}
     places: dict[str, Frame] = {"": HERE}
@@ -215,19 +197,20 @@ def merged_linkage(robot: Robot) -> Linkage:
     plain = {key: unique[link.name] for key, link in merged.items()}
     found = tuple(replace(link, name=plain[key]) for key, link in merged.items())
     of_joints = _plain_names([joint.name for joint in moving.values()])
-    named = {}
+    joints = []
     for key, joint in moving.items():
         # What is free hangs on nothing, wherever it was written.
         parent = plain[joint.parent] if joint.parent and joint.type != "free" else ""
-        named[plain[key]] = replace(joint, name=of_joints[joint.name], child=plain[key], parent=parent)
-    return Linkage(found, named, on_world, robot.table, tuple(notes))
+        joints.append(replace(joint, name=of_joints[joint.name], child=plain[key], parent=parent))
+    return replace(robot, links=found, joints=tuple(joints), on_world=on_world, notes=tuple(notes))
 
 
 def required_axis(axis: FloatArray) -> FloatArray:
     """Return an axis at length 1; InputError if it has no direction."""
     length = float(norm(axis))
     if not LEAST_LENGTH <= length < np.inf:
-        raise InputError(f"its axis is {_row(axis)}; expected a direction such as 0 0 1")
+        given = " ".join(f"{value:g}" for value in axis)
+        raise InputError(f"its axis is {given}; expected a direction such as 0 0 1")
     return np.asarray(axis / length)
 
 
@@ -342,10 +325,6 @@ def _plain_names(names: Sequence[str]) -> dict[str, str]:
             word, number = f"{base}-{number}", number + 1
         plain[name] = word
     return plain
-
-
-def _row(values: FloatArray) -> str:
-    return " ".join(f"{value:g}" for value in values)
 
 
 def robot_of(

@@ -1,7 +1,10 @@
 """URDF (wiki.ros.org/urdf/XML): links and joints of a `<robot>`."""
 
 import math
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -42,7 +45,8 @@ def read_urdf(root: Element, path: Path, of_scene: bool, looks: bool) -> Robot:
     shapes enclose them, joints may be of any type, and a mass that cannot be is left out, with a note: spheres need
     none. InputError names the element at fault and what would be right.
     """
-    meshes, notes, elements = _Meshes(path, 1.0 if of_scene else ENCLOSING), list[str](), root.findall("link")
+    meshes = _Meshes(path, 1.0 if of_scene else ENCLOSING, cache(read_triangles))
+    notes, elements = list[str](), root.findall("link")
     prefixes = {key.removeprefix("xmlns:") for key, value in root.attrib.items() if "xacro" in value} | {"xacro"}
     if any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag):
         raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
@@ -54,17 +58,12 @@ def read_urdf(root: Element, path: Path, of_scene: bool, looks: bool) -> Robot:
     return robot_of(root.get("name") or path.stem, links, joints, notes, seen, on_world=on_world)
 
 
-class _Meshes:
-    """Triangles of a URDF's shapes; radii of round ones are taken times a factor."""
+class _Meshes(NamedTuple):
+    """Triangles of a URDF's shapes: its file, a factor of the radii of round ones, and a reader of mesh files."""
 
-    def __init__(self, path: Path, round_factor: float = 1.0) -> None:
-        self.path, self.round_factor = path, round_factor
-        self._read: dict[Path, Triangles] = {}
-
-    def of_file(self, file: Path) -> Triangles:
-        if file not in self._read:
-            self._read[file] = read_triangles(file)
-        return self._read[file]
+    path: Path
+    round_factor: float
+    read: Callable[[Path], Triangles]
 
 
 def mesh_file(name: str, path: Path) -> Path:
@@ -143,7 +142,7 @@ def _triangles(shape: Element, meshes: _Meshes) -> Triangles:
     if not found.is_file():
         more = " or in a folder above it" if file.startswith(ADDRESSES) else ""
         raise InputError(f"mesh '{file}' is missing; expected it beside {meshes.path.name}{more}")
-    vertices, faces = meshes.of_file(found)
+    vertices, faces = meshes.read(found)
     return vertices * factors, faces[:, ::-1] if np.prod(np.broadcast_to(factors, 3)) < 0.0 else faces
 
 

@@ -23,20 +23,9 @@ from hhsim.metrics.run.registry import needed_columns, run_metrics
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
 from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
 from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.result import schema
 from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS
-from hhsim.result.schema import (
-    BETWEEN_COLUMNS,
-    CONTACT_COLUMNS,
-    FRAME,
-    FREE_COLUMNS,
-    HANDS,
-    HANDS_APART,
-    MOTION_COLUMNS,
-    OF_BODIES,
-    POSE_COLUMNS,
-    TICK,
-)
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
@@ -94,10 +83,7 @@ class HandRun(HandRows):
             **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        of_body = (*POSE_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *((OF_BODIES,) if seen.others else ()))
-        self._body = KeptColumns(column.name for column in (of_body if seen.free else ()))
-        of_contacts = ("body", *(column.name for column in CONTACT_COLUMNS if column.name not in ("a", "b")))
-        self._contacts = KeptColumns(of_contacts if seen.free else ())
+        self._body, self._contacts = KeptColumns(), KeptColumns()
 
     def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
         """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
@@ -106,13 +92,15 @@ class HandRun(HandRows):
         given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
         made = self.rows(ticks, given, record)
         self._series.keep(made.seen)
-        self._body.keep(made.body)
-        self._contacts.keep(made.contacts)
+        # What one body that goes as recorded has is its poses alone, which no figure needs.
+        if self.solver.seen.free is not None:
+            self._body.keep(made.body)
+            self._contacts.keep(made.contacts)
         return made.tables
 
     def summary(self) -> ReplaySummary:
         """Compute the table."""
-        shown, apart = of_the_paper(self.described), bool(self.described.get(HANDS_APART))
+        shown, apart = of_the_paper(self.described), bool(self.described.get(schema.HANDS_APART))
         kept = self._series, self._body, self._contacts
         return summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
 
@@ -125,7 +113,7 @@ class Replay:
         self.solver, self.total = solver, scene.ticks.tick_count
         self.together = solver.seen.free is not None
         if len(scene.hands) > 1:
-            described[HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
+            described[schema.HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
         self._models, self.graphic_distances = [run.model for run in self.runs], list[FloatArray]()
@@ -143,12 +131,14 @@ class Replay:
         haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
         self.haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
-        frame = [replace(column, name=f"{FRAME.partition('/')[2]}/{column.name}") for column in POSE_COLUMNS]
+        frame = [
+            replace(column, name=f"{schema.FRAME.partition('/')[2]}/{column.name}") for column in schema.POSE_COLUMNS
+        ]
         self._writer = ResultWriter(
             path,
             hands={run.model.side: HandPart(run.described, hand_arrays(run.model)) for run in self.runs},
             bodies=self.bodies,
-            columns=(*(BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
+            columns=(*(schema.BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
             phases=scene.ticks.phases,
             command=command,
         )
@@ -174,12 +164,14 @@ class Replay:
         if len(of_hands) > 1:
             placed = [
                 PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
-                for of in (tables[f"{HANDS}/{run.model.side}/{TICK}"] for run in self.runs)
+                for of in (tables[f"{schema.HANDS}/{run.model.side}/{schema.TICK}"] for run in self.runs)
             ]
             self.graphic_distances.append(distance_of_hands(self._models, placed))
             self.tick_durations.append(np.maximum(*(record.duration_total for record in records)))
             between = self.haptic_distance[ticks], self.graphic_distances[-1]
-            tables[TICK] |= {column.name: values for column, values in zip(BETWEEN_COLUMNS, between, strict=True)}
+            tables[schema.TICK] |= {
+                column.name: values for column, values in zip(schema.BETWEEN_COLUMNS, between, strict=True)
+            }
         self._writer.append(tables)
 
     def finish(self) -> tuple[ReplaySummary, ...]:

@@ -15,21 +15,9 @@ from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
+from hhsim.result import schema
 from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
-from hhsim.result.schema import (
-    BODIES,
-    DRIVEN_COLUMNS,
-    FRAME,
-    FREE_COLUMNS,
-    HANDS,
-    JOINT_COLUMN,
-    MOTION_COLUMNS,
-    OF_BODIES,
-    POSE_COLUMNS,
-    TREE_ARRAYS,
-    Column,
-)
 from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
@@ -51,7 +39,7 @@ def hand_arrays(hand: HandModel) -> dict[str, AnyArray]:
         **{stored: getattr(hand, name) for name, stored in HAND_ARRAYS.items()},
         "palm_center": hand.palm_tree.leaf_center,
         "palm_radius": hand.palm_tree.leaf_radius,
-        **{f"palm_tree/{name}": getattr(hand.palm_tree, name) for name in TREE_ARRAYS},
+        **{f"palm_tree/{name}": getattr(hand.palm_tree, name) for name in schema.TREE_ARRAYS},
         "palm_mesh/vertices": hand.palm_mesh.vertices,
         "palm_mesh/faces": hand.palm_mesh.faces,
     }
@@ -69,28 +57,31 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
     """
     if (parts := seen.parts) is None:
         kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
-        columns = (*(POSE_COLUMNS if kind != "fixed" else ()), *((*MOTION_COLUMNS, *FREE_COLUMNS) if seen.free else ()))
+        columns = (
+            *(schema.POSE_COLUMNS if kind != "fixed" else ()),
+            *((*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS) if seen.free else ()),
+        )
         properties = seen.free.to_json() if seen.free else {}
         arrays = _arrays(seen.mesh, seen.tree, seen.place)
         return {body_name(seen.mesh.name): StoredBody(kind, arrays, _names(columns), properties)}
     solids, found = {body.name: body for body in scene.solids}, dict[str, StoredBody]()
     free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
     for p, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
-        columns, joint, properties = POSE_COLUMNS, solids[name].joint, {}
+        columns, joint, properties = schema.POSE_COLUMNS, solids[name].joint, {}
         # Where none is free all are stored as driven: one that stands may stand in a frame that a recording carries.
         kind = type(solids[name].motion).__name__.lower() if free else "driven"
         if free:
             properties = free[p].to_json()
-            columns += (*MOTION_COLUMNS, OF_BODIES, *(FREE_COLUMNS if p == 0 else ()))
-            columns += DRIVEN_COLUMNS if kind == "driven" else ()
+            columns += (*schema.MOTION_COLUMNS, schema.OF_BODIES, *(schema.FREE_COLUMNS if p == 0 else ()))
+            columns += schema.DRIVEN_COLUMNS if kind == "driven" else ()
         elif joint is not None and name in parts.values:
             properties = {"joint": {each: getattr(joint, each) for each in JOINT_PROPERTIES}}
-            columns += (JOINT_COLUMN,)
+            columns += (schema.JOINT_COLUMN,)
         found[name] = StoredBody(kind, _arrays(mesh, tree, STILL), _names(columns), properties)
     return found
 
 
-def _names(columns: Iterable[Column]) -> tuple[str, ...]:
+def _names(columns: Iterable[schema.Column]) -> tuple[str, ...]:
     return tuple(column.name for column in columns)
 
 
@@ -99,7 +90,7 @@ def _arrays(mesh: Mesh, tree: SphereTree, place: ObjectMotion) -> dict[str, AnyA
     return {
         "mesh/vertices": mesh.vertices,
         "mesh/faces": mesh.faces,
-        **{f"tree/{name}": getattr(tree, name) for name in TREE_ARRAYS},
+        **{f"tree/{name}": getattr(tree, name) for name in schema.TREE_ARRAYS},
         **{name: np.array(values, dtype=np.float64) for name, values in place._asdict().items()},
     }
 
@@ -143,11 +134,11 @@ def describe_scene(
 def checksums(side: str, hand: Mapping[str, AnyArray], bodies: Mapping[str, Mapping[str, AnyArray]]) -> dict[str, str]:
     """Return the SHA-256 of a hand and of mesh and tree of each body, by group: of datasets' little-endian bytes."""
     digests: dict[str, Any] = {}
-    arrays = {f"{HANDS}/{side}/{name}": array for name, array in hand.items()}
-    arrays |= {f"{BODIES}/{body}/{name}": array for body, its in bodies.items() for name, array in its.items()}
+    arrays = {f"{schema.HANDS}/{side}/{name}": array for name, array in hand.items()}
+    arrays |= {f"{schema.BODIES}/{body}/{name}": array for body, its in bodies.items() for name, array in its.items()}
     for name in sorted(arrays):
         top, own, rest = name.split("/", 2)
-        part = f"{top}/{own}{'/tree' if top == BODIES and rest.startswith('tree/') else ''}"
+        part = f"{top}/{own}{'/tree' if top == schema.BODIES and rest.startswith('tree/') else ''}"
         array = np.ascontiguousarray(arrays[name])
         digests.setdefault(part, hashlib.sha256())
         digests[part].update(f"{rest} {array.shape} ".encode())
@@ -164,7 +155,9 @@ def stored_checksums(result: Result) -> dict[str, str]:
 def part_words(part: str) -> str:
     """Return what a part with a checksum is, in words."""
     top, name, *rest = part.split("/")
-    return f"the {name} hand" if top == HANDS else f"the sphere tree of {name}" if rest else f"the mesh of {name}"
+    return (
+        f"the {name} hand" if top == schema.HANDS else f"the sphere tree of {name}" if rest else f"the mesh of {name}"
+    )
 
 
 def require_whole(result: Result) -> None:
@@ -189,7 +182,7 @@ def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
     count = min(most or result.ticks, *(hand.ticks for hand in hands))
     rows = slice(count)
     names = ("time", "input_seq", *(f"haptic/{name}" for name in HandConfiguration._fields))
-    frame = result.poses(FRAME, rows) if result.frame == FRAME else None
+    frame = result.poses(schema.FRAME, rows) if result.frame == schema.FRAME else None
     if len(bodies) == 1 and bodies[0].kind == "driven":
         frame = bodies[0].poses(rows)
     made = []

@@ -19,20 +19,9 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import force_variation_rate, penetration
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
-from hhsim.result.schema import (
-    BODIES,
-    CONTACT,
-    CONTACT_COLUMNS,
-    FREE_COLUMNS,
-    MOTION_COLUMNS,
-    OF_BODIES,
-    POSE_COLUMNS,
-    TICK,
-    TICK_COLUMNS,
-    hand_tables,
-)
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver, seen_hand
 
@@ -43,15 +32,16 @@ Columns = dict[str, AnyArray]
 
 
 class KeptColumns:
-    """Named datasets kept block by block, such as those that the table of a run needs."""
+    """Datasets kept block by block, such as those that the table of a run needs; without names all that are given."""
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(self, names: Iterable[str] = ()) -> None:
         self._blocks: dict[str, list[AnyArray]] = {name: [] for name in names}
+        self._all = not self._blocks
 
     def keep(self, block: Mapping[str, AnyArray]) -> None:
         """Keep the datasets of the next block."""
-        for name, blocks in self._blocks.items():
-            blocks.append(block[name])
+        for name in block if self._all else self._blocks:
+            self._blocks.setdefault(name, []).append(block[name])
 
     def __getitem__(self, name: str) -> AnyArray:
         blocks = self._blocks[name]
@@ -102,7 +92,7 @@ class TickColumns:
         fields = {**given, **record._asdict()}
         return {
             "time": time,
-            **{column.name: column.taken(fields) for column in TICK_COLUMNS if column.source},
+            **{column.name: column.taken(fields) for column in schema.TICK_COLUMNS if column.source},
             "penetration_depth": depth.depth,
             "penetration_palm": depth.palm,
             "penetration_finger": depth.finger,
@@ -146,15 +136,17 @@ class HandRows:
             moved = RigidMotion(free.turn, free.shift)
             own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
         elif seen.carrier is not None:
-            own = {column.name: values for column, values in zip(POSE_COLUMNS, seen.carrier.at(ticks), strict=True)}
+            own = {
+                column.name: values for column, values in zip(schema.POSE_COLUMNS, seen.carrier.at(ticks), strict=True)
+            }
         of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
-        own = of_bodies[f"{BODIES}/{self._names[0]}/{TICK}"] if seen.others else own
+        own = of_bodies[f"{schema.BODIES}/{self._names[0]}/{schema.TICK}"] if seen.others else own
         haptic = HandConfiguration(*(given[f"haptic/{name}"] for name in HandConfiguration._fields))
         hand = self._columns.block(given["time"], given["input_seq"], seen_hand(haptic, moved), record)
-        tables = hand_tables(self.model.side, shown_columns(hand, haptic, moved))
-        tables[TICK] |= of_bodies.pop(TICK, {})
+        tables = schema.hand_tables(self.model.side, shown_columns(hand, haptic, moved))
+        tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})
         counted = stored_contacts(contacts, len(self.solver.scene.hands))
-        return TickRows(hand, own, contacts, {**tables, **of_bodies, CONTACT: counted})
+        return TickRows(hand, own, contacts, {**tables, **of_bodies, schema.CONTACT: counted})
 
 
 def body_rows(
@@ -166,25 +158,25 @@ def body_rows(
     the ticks of several bodies of which some are free; it is written to `parts.world`, too, for the measures of depth.
     """
     if parts is None:
-        return {f"{BODIES}/{names[0]}/{TICK}": own}
+        return {f"{schema.BODIES}/{names[0]}/{schema.TICK}": own}
     if record is None:
-        rows: dict[str, Columns] = {TICK: {f"frame/{name}": values for name, values in own.items()}}
+        rows: dict[str, Columns] = {schema.TICK: {f"frame/{name}": values for name, values in own.items()}}
         for p, name in enumerate(parts.names):
             joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
-            rows[f"{BODIES}/{name}/{TICK}"] = pose | joint
+            rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = pose | joint
         return rows
     begun, rows = RigidMotion(record.bodies[0].turn, record.bodies[0].shift), {}
     for k, (name, body, wrench) in enumerate(zip(parts.names, record.bodies, record.body_wrench, strict=True)):
         parts.world[ticks, k, :3] = begun.seen_points(body.shift)
         parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
-        columns = {"position": body.shift, "orientation": body.turn, OF_BODIES.name: wrench}
-        columns |= {column.name: getattr(body, column.name) for column in MOTION_COLUMNS}
-        columns |= {column.name: own[column.name] for column in FREE_COLUMNS if k == 0}
+        columns = {"position": body.shift, "orientation": body.turn, schema.OF_BODIES.name: wrench}
+        columns |= {column.name: getattr(body, column.name) for column in schema.MOTION_COLUMNS}
+        columns |= {column.name: own[column.name] for column in schema.FREE_COLUMNS if k == 0}
         if name in parts.driven:
             to = parts.driven[name].at(ticks)
             columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
-        rows[f"{BODIES}/{name}/{TICK}"] = columns
+        rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = columns
     return rows
 
 
@@ -202,7 +194,7 @@ def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArra
     turns = quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4)))
     fields = ticks._asdict()
     pose = ObjectMotion(places, turns)._asdict()
-    return pose | {column.name: column.taken(fields) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)}
+    return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
 
 
 def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
@@ -212,7 +204,7 @@ def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}
     tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))
-    taken = {column.name: column.taken(fields) for column in CONTACT_COLUMNS if column.source}
+    taken = {column.name: column.taken(fields) for column in schema.CONTACT_COLUMNS if column.source}
     return {"tick": tick, "body": fields["body"], **taken, "sticks": fields["slip"] <= STICKS}
 
 
@@ -221,5 +213,5 @@ def stored_contacts(contacts: Columns, hands: int) -> Columns:
     if not contacts:
         return {}
     return {"tick": contacts["tick"], **pair_codes(contacts["body"], hands)} | {
-        column.name: contacts[column.name] for column in CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
+        column.name: contacts[column.name] for column in schema.CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
     }

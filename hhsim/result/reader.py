@@ -354,7 +354,8 @@ def load_result(path: str | Path) -> Result:
                 _check_dataset(file.get(table, {}), column, (-1, *column.shape))
         attributes, summary = file.attrs, file[schema.SUMMARY]
         dirty, common = attributes["git_dirty"], _mapping(attributes["scene"])
-        ticks = _ticks(file)
+        ticks, group = _ticks(file), file["phase"]
+        begun = zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"])
         # Filled below: each hand and each body needs the result that it is a part of.
         hands: dict[str, Result] = {}
         bodies: dict[str, Body] = {}
@@ -368,7 +369,7 @@ def load_result(path: str | Path) -> Result:
             scene=_Stated(common, path),
             machine=_mapping(attributes["machine"]),
             packages=_mapping(attributes["packages"]),
-            phases=tuple(phase for phase in _phases(file) if phase.first_tick < ticks),
+            phases=tuple(TickPhase(str(name), int(first), int(last)) for name, first, last in begun if first < ticks),
             summary=_attributes(summary),
             command=tuple(json.loads(attributes["command"])),
             git_revision=str(attributes["git_revision"]),
@@ -546,13 +547,6 @@ def check_result_path(path: Path) -> None:
     check_output_path(path, "result file", lambda path: hdf5_format(path) == schema.FORMAT)
     if path.suffix.lower() not in schema.SUFFIXES:
         raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
-
-
-def _phases(file: h5py.File) -> Iterator[TickPhase]:
-    """Yield the phases in a file of ticks."""
-    group = file["phase"]
-    for name, first, last in zip(group["name"].asstr()[...], group["first_tick"], group["last_tick"]):
-        yield TickPhase(str(name), int(first), int(last))
 
 
 @contextlib.contextmanager

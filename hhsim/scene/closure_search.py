@@ -285,8 +285,10 @@ class _Search(Closer):
         closure = self.closed(
             (position, rotation, back), self.open, self.abduction, np.zeros(3), self.fingers, unclosed
         )
-        score = self._score(closure) if blocking >= 0 else -math.inf
-        return _Candidate(rotation, aim, score, closure)
+        if blocking < 0:
+            return _Candidate(rotation, aim, -math.inf, closure)
+        near = max(0.0, 1.0 - self.gap_to_other(closure) / BESIDE)
+        return _Candidate(rotation, aim, self._score(closure) - BESIDE_WEIGHT * near, closure)
 
     def gap_to_other(self, closure: FingerClosure) -> float:
         """Least distance to the other hand [m] as both come near, open, and close; infinite without another."""
@@ -311,12 +313,7 @@ class _Search(Closer):
         return forward_kinematics(model, position, turn, flexion, np.tile(closure.abduction, (len(back), 1)))
 
     def _score(self, closure: FingerClosure) -> float:
-        """Quality of a grasp; the weights order the demands, from reaching at all down to appearance."""
-        near = max(0.0, 1.0 - self.gap_to_other(closure) / BESIDE)
-        return self._alone(closure) - BESIDE_WEIGHT * near
-
-    def _alone(self, closure: FingerClosure) -> float:
-        """Quality of a grasp by one hand."""
+        """Quality of a grasp by one hand; the weights order the demands, from reaching at all down to appearance."""
         upward = float(closure.rotation[2, 2])
         # From above or the side rather than from below, where a table would be.
         score = 0.5 * upward - 3.0 * max(0.0, -upward)

@@ -13,8 +13,9 @@ from msgspec import structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
-from hhsim.hand.quaternion import rotation_matrix
-from hhsim.linkage.file import names_a_linkage, resolve_object
+from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
+from hhsim.linkage.file import link_mesh, names_a_linkage, read_linkage, resolve_object
+from hhsim.linkage.linkage import HERE, Link, LinkJoint, Robot
 from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, OF_BODIES, names_a_body_file, names_a_file, object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
@@ -25,17 +26,19 @@ from hhsim.scene.body import (
     CLEARANCE,
     USUAL_FRICTION,
     Body,
+    BodyFile,
     BodyMotion,
+    BodySettings,
+    Drive,
     Driven,
     Fixed,
     Free,
     HalfSpace,
+    Joint,
     Keyframe,
     composed,
     triple,
 )
-from hhsim.scene.body_file import BodyFile, BodySettings, Drive
-from hhsim.scene.linkage_bodies import linkage_bodies
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.system.settings_file import read_settings
 from hhsim.trees.hierarchy import build_hierarchy
@@ -46,6 +49,8 @@ MOST_OVERLAP, MOST_JOINED_OVERLAP = 1e-4, 1e-3
 BRANCHING = 8
 LEVEL_OF_MANY = 3
 """Usual level of the trees of several bodies of which some are free: each meets others by 1,024 leaves at most."""
+UNDER, NONE = "under", "none"
+"""Words for a table right under the bodies, and for none."""
 ONE = "object"
 """Name of the one body of a mesh without a name."""
 
@@ -174,7 +179,8 @@ class DeclaredBodies:
             driven: BodyMotion = Fixed()
             if carrier is not None or body.name in self.drives or body.name in values:
                 own = poses[body.name]
-                driven = Driven(own if carrier else own.at(_held(own)), values.get(body.name))
+                held = own if carrier else own.at(held_rows(np.concatenate(own, axis=1)))
+                driven = Driven(held, values.get(body.name))
             bearer = poses[body.bearer] if body.bearer else frame
             found[body.name] = self._placed(body, poses[body.name].at(0), bearer.at(0), driven, values)
         meshes = [one.placed_mesh for one in found.values() if isinstance(one, Body)]
@@ -246,10 +252,6 @@ def _is_still(poses: ObjectMotion) -> bool:
     return bool((poses.position == 0.0).all() and (poses.orientation == [1.0, 0.0, 0.0, 0.0]).all())
 
 
-def _held(poses: ObjectMotion) -> Any:
-    return held_rows(np.concatenate(poses, axis=1))
-
-
 def _require_apart(bodies: DeclaredBodies) -> None:
     """Raise InputError for bodies that begin inside each other."""
     begin = bodies.path(np.zeros(1))
@@ -293,6 +295,109 @@ def _mesh(body: BodySettings, folder: Path, solid: bool | None) -> Mesh:
     with named(f"body '{body.name}'"):
         mesh, _ = resolve_object(body.mesh if known else folder / body.mesh, body.unit, solid=solid)
     return replace(mesh, name=body.name)
+
+
+def linkage_bodies(
+    path: Path, motion: object = None, *, free: Mapping[str, Any] | None = None, solid: bool | None = None
+) -> tuple[tuple[BodySettings, ...], dict[str, Mesh]]:
+    """Return the links of a URDF or MJCF file as bodies, and their meshes [m] by their names, each in its own frame.
+
+    What hangs on no joint stands still, or is free with `--free`, unless the file fixes it to the world: in a URDF by a
+    link named `world`, in an MJCF that has joints by having none itself. A joint follows the motion where that has
+    values for its name or its link's, or where both have one joint alone. Any other one stands where the file begins,
+    at the value nearest to 0 within its limits (URDF) or at its ref (MJCF), or is free with `--free`.
+
+    Args:
+        path: The file.
+        motion: A script may move joints.
+        free: None where everything stands but what the motion moves; else `mass`, `density`, `friction`, `torsion` of
+            the only link in place of the file's [kg, kg/m³, 1, m], and `table`: under, none, or a height [m].
+        solid: As for `load_object`.
+
+    Raises:
+        InputError: As `read_linkage`; values of joints beyond their limits, driven joints on what is free, or `free`
+            properties of one body where there are several.
+    """
+    linkage = read_linkage(path)
+    with named(path):
+        given = dict(free or {})
+        table = given.pop("table", None)
+        if given and len(linkage.links) > 1:
+            raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
+        moved = _moved_joints(linkage, motion)
+        bodies = [_of_link(linkage, link, moved, free is not None, given) for link in linkage.links]
+        if free is not None:
+            if not any(body.is_free for body in bodies):
+                raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
+            usual = (NONE if linkage.on_world else UNDER) if linkage.table is None else linkage.table
+            plane: Any = usual if table is None else table
+            if plane != NONE:
+                name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
+                bodies.append(BodySettings(name=name, plane=plane))
+        solids = {body.name for body in bodies if solid or (solid is None and body.is_free)}
+        meshes = {
+            link.name: link_mesh(linkage, link.name, str(path), link.name in solids or solid) for link in linkage.links
+        }
+        first = linkage.links[0].name
+        meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *linkage.notes))
+        return BodyFile(tuple(bodies)).body, meshes
+
+
+def _moved_joints(linkage: Robot, motion: object) -> dict[str, Joint]:
+    """Return each joint that a motion moves, by the name of its link.
+
+    Raises UnknownNameError for a joint that the file has not, InputError for values beyond its limits.
+    """
+    given: Mapping[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
+    joints = {child: joint for child, joint in linkage.joint_of.items() if joint.type != "free"}
+    known = {joint.name: child for child, joint in joints.items()} | {child: child for child in joints}
+    if len(given) == 1 and len(joints) == 1:
+        (word,), (child,) = given, joints
+        known.setdefault(word, child)
+    check_known("joint", given, known)
+    found: dict[str, Joint] = {}
+    for word, keyframes in given.items():
+        joint = joints[known[word]]
+        with named(f"joint '{joint.name}'"):
+            found[known[word]] = _settings(joint).moved(keyframes)
+    return found
+
+
+def _of_link(
+    linkage: Robot, link: Link, moved: Mapping[str, Joint], free: bool, given: Mapping[str, Any]
+) -> BodySettings:
+    joint, own = linkage.joint_of.get(link.name), link.inertial
+    frame = HERE if joint is None else joint.frame
+    about: dict[str, Any] = {"friction": link.friction, "torsion": link.torsion or 0.0}
+    if own is not None and not {"mass", "density"} & set(given):
+        about["mass"] = own.mass
+        if own.center is not None and own.inertia is not None:
+            half = 0.5 * (own.inertia + own.inertia.T)
+            about |= {"center": triple(own.center), "inertia": tuple(triple(row) for row in half)}
+    about |= given
+    if joint is None or joint.type == "free":
+        about["fixed"] = not free or (joint is None and linkage.on_world)
+    elif link.name in moved:
+        about["joint"] = moved[link.name]
+    else:
+        # A joint that nothing moves stands by a motion of one value.
+        settings = _settings(joint)
+        about["joint"] = settings if free else settings.moved(((0.0, joint.start),))
+    w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
+    about |= {"position": triple(frame.position), "orientation": (w, x, y, z)}
+    return BodySettings(name=link.name, mesh=link.name, **about)
+
+
+def _settings(joint: LinkJoint) -> Joint:
+    return Joint(
+        type="slider" if joint.type == "slider" else "hinge",
+        axis=triple(joint.axis),
+        origin=triple(joint.origin),
+        on=joint.parent,
+        limits=joint.limits,
+        friction=joint.friction,
+        start=joint.start,
+    )
 
 
 def _require_no_joints(motion: object, word: str) -> None:

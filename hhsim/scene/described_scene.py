@@ -27,8 +27,7 @@ from hhsim.result.motion import holds_a_result, load_result_motion
 from hhsim.result.reader import load_result
 from hhsim.scene.body import CLEARANCE, Free
 from hhsim.scene.contact_goals import TOUCHING
-from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.linkage_bodies import NONE, UNDER
+from hhsim.scene.declared_bodies import NONE, UNDER, DeclaredBodies, load_object
 from hhsim.scene.motion_catalogue import Motion, Reading, clean_imported, is_imported, read_imported, resolve_trajectory
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, place_at_grasp
 from hhsim.scene.scene import Scene, hand_of, scene_of
@@ -63,14 +62,6 @@ class FreeWords(Settings, frozen=True, kw_only=True):
     def given(self) -> dict[str, Any]:
         """Return what was given, by name."""
         return {name: value for name, value in structs.asdict(self).items() if value is not None}
-
-    def properties(self, mesh: Mesh, word: str) -> dict[str, Any]:
-        """Return arguments of `Scene.freed` for a mesh [m] at its first place, named in the catalogue or of a file."""
-        known: Mapping[str, Any] = {} if names_a_file(word) else object_description(word)
-        usual = {name: known[name] for name in ("density", "friction") if name in known}
-        given = {**usual, "table": UNDER, **self.given()}
-        heights: dict[Any, float | None] = {UNDER: float(mesh.bounds[0, 2]) - CLEARANCE, NONE: None}
-        return given | {"table": heights.get(given["table"], given["table"])}
 
 
 class SceneWords(Settings, frozen=True, kw_only=True):
@@ -173,7 +164,14 @@ class LoadedWords:
         free, word = self.words.free, self.words.object
         if free is None or names_a_linkage(word):
             return scene
-        return scene.freed(**free.properties(scene.solids[0].placed_mesh, word))
+        known: Mapping[str, Any] = {} if names_a_file(word) else object_description(word)
+        usual = {name: known[name] for name in ("density", "friction") if name in known}
+        given = {**usual, "table": UNDER, **free.given()}
+        heights: dict[Any, float | None] = {
+            UNDER: float(scene.solids[0].placed_mesh.bounds[0, 2]) - CLEARANCE,
+            NONE: None,
+        }
+        return scene.freed(**given | {"table": heights.get(given["table"], given["table"])})
 
 
 def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence[Motion] | None = None) -> LoadedWords:
@@ -291,8 +289,8 @@ def _placed_scene(
     tree = bodies.tree.transformed(rotation_matrix(motion.object_orientation), motion.object_position)
     # Only an import states no object place. A session, or a synthesised motion, may well begin inside.
     imported = motion.flags is not None and not motion.object_position.any()
-    inside = imported and depth_at_start(scene, tree, fingers) > MOST_START_DEPTH
-    if not inside and touches(scene, tree, fingers):
+    inside = imported and least_distance(scene, tree, fingers, 0.0, ticks=1) < -MOST_START_DEPTH
+    if not inside and least_distance(scene, tree, fingers) < TOUCHING:
         return PlacedScene(scene)
     why = f"as the recording has it, the hand {'begins inside the object' if inside else 'touches nothing'}"
     try:
@@ -304,22 +302,14 @@ def _placed_scene(
     return PlacedScene(make(found.motion), found, by_itself=True, note=f"{why}, so {found.text}")
 
 
-def touches(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) -> bool:
-    """Return True if palm or named fingers of the first haptic hand come within `TOUCHING` of a tree's leaf spheres.
+def least_distance(
+    scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS, limit: float = TOUCHING, ticks: int | None = None
+) -> float:
+    """Compute the least signed distance of palm and named fingers of the first haptic hand to a tree's leaves [m].
 
-    The tree is in the world; every tick counts.
+    The tree is in the world; counted are the first `ticks`, by default all, and distances up to `limit`.
     """
-    return _nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks), fingers, TOUCHING) < TOUCHING
-
-
-def depth_at_start(scene: Scene, tree: SphereTree, fingers: Sequence[str] = FINGERS) -> float:
-    """Return the depth of palm and named fingers of the first haptic hand in a tree [m], world, at the first tick."""
-    return -_nearest(scene, tree, HandConfiguration.of(scene.hands[0].ticks).part(0, 1), fingers, 0.0)
-
-
-def _nearest(scene: Scene, tree: SphereTree, haptic: HandConfiguration, fingers: Sequence[str], limit: float) -> float:
-    """Least signed distance of a hand to the leaf spheres over some ticks [m], at most `limit`."""
-    model = scene.hands[0].model
+    model, haptic = scene.hands[0].model, HandConfiguration.of(scene.hands[0].ticks).part(0, ticks)
     placed = forward_kinematics(model, *haptic)
     palm, finger = hand_clearance(tree.arrays(), hand_shape(model), placed, limit=limit)
     modelled = finger[:, [name in fingers for name in FINGERS]]

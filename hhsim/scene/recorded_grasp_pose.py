@@ -162,19 +162,6 @@ def _upright_turn(angle: float) -> FloatArray:
     return rotation_matrix(quaternion(np.array([0.0, 0.0, angle])))
 
 
-class _Approach(NamedTuple):
-    """Approach of the object to the hand, in the posture of a sample.
-
-    `direction` is the hand's, unit, world; `aim` is the point of the hand over the object's middle [m], world; `push`
-    is the advance beyond first contact [m].
-    """
-
-    sample: int
-    direction: FloatArray
-    aim: FloatArray
-    push: float
-
-
 class _Search:
     def __init__(self, motion: Trajectory, hand: HandModel, tree: SphereTree, grasp: Grasp) -> None:
         self.motion, self.grasp = motion, grasp
@@ -208,26 +195,29 @@ class _Search:
         # No body of a hand reaches farther than its length from its own tips.
         far = size + 0.3
         gap = np.zeros(BODY_COUNT)
-        approaches = list(self._approaches())
+        approaches, push = list(self._approaches()), 0.0 if self.grasp.closes else PUSH
         for turn in 2.0 * np.pi * np.arange(TURNS) / TURNS:
             back = _upright_turn(turn).T
             palm = matmul(back, self.motion.position[self.grasp.sample])
             rotation = matmul(back, self.rotation[self.grasp.sample])
-            for approach in approaches:
-                flexion = self.motion.flexion[approach.sample].copy()
-                abduction = self.motion.abduction[approach.sample].copy()
-                direction = matmul(back, approach.direction)
+            for sample, way, over in approaches:
+                flexion, abduction = self.motion.flexion[sample].copy(), self.motion.abduction[sample].copy()
+                direction = matmul(back, way)
                 side = across(direction)
                 width = matmul(np.abs(side), self.high - self.low)
-                aim = matmul(back, approach.aim)
+                aim = matmul(back, over)
                 for offset in OFFSETS:
                     here = middle + matmul(np.array(offset) * width, side) - aim - far * direction
                     posture = palm + here, rotation, flexion, abduction
                     travel, body = kernel.advance_hand(*posture, direction, gap, 2.0 * far, self.work)
                     if body >= 0:
-                        yield Candidate(turn, here + (travel + approach.push) * direction, 0.0)
+                        yield Candidate(turn, here + (travel + push) * direction, 0.0)
 
-    def _approaches(self) -> Iterator[_Approach]:
+    def _approaches(self) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+        """Yield ways of the hand to the object: the sample of its posture, a unit direction, world, and a point [m].
+
+        That point of the hand comes over the object's middle.
+        """
         g, closure = self.grasp.sample, list(self.grasp.fingers)
         palm, rotation = self.motion.position[g], self.rotation[g]
         # The palm of the grasp, with fingers as open as they were: so the palm's own way does not count as closing.
@@ -241,7 +231,7 @@ class _Search:
             for way, aim in product(ways, aims):
                 length = float(norm(way))
                 if length > LEAST_WAY:
-                    yield _Approach(k, way / length, aim, 0.0 if self.grasp.closes else PUSH)
+                    yield k, way / length, aim
 
     def _before(self, lead: float) -> int:
         """Last sample before the grasp at which the closing tips are still `lead` from where they close."""

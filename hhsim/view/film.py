@@ -19,18 +19,9 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.metrics.metrics import FORCE_FLOOR
+from hhsim.render import triangle_soup as soup
 from hhsim.render.hand_picture import transparent
 from hhsim.render.rasterizer import OVERSAMPLING, composed, frame, shade
-from hhsim.render.triangle_soup import (
-    STONE,
-    Surface,
-    joined,
-    look_from,
-    mesh_surface,
-    moved,
-    near_hands,
-    piece_surfaces,
-)
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import partial_file, write_atomically
 from hhsim.system.input_file import media_kind_of
@@ -126,7 +117,7 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
     """
     results = [result] if other is None else [result, other]
     scenes = [shown_scene(one) for one in results]
-    pieces, scene = [piece_surfaces(one.hand) for one in scenes], scenes[0]
+    pieces, scene = [soup.piece_surfaces(one.hand) for one in scenes], scenes[0]
 
     def at(tick: int) -> Moment:
         return both_hands([moment(one, scenes[i], tick, pieces[i]) for i, one in enumerate(results)])
@@ -136,15 +127,15 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
     usual = overview_tick(result)
     moves = bool(result.meshes_moved(usual))
     if moves:
-        bodies = [mesh_surface(mesh, STONE) for mesh, _ in scene.bodies.values()]
+        bodies = [soup.mesh_surface(mesh, soup.STONE) for mesh, _ in scene.bodies.values()]
         body = _at_tick(bodies, result, usual)
         points = np.concatenate([points, *(scene.placed(result.meshes_moved(tick)).box_corners for tick in some)])
     else:
-        body = mesh_surface(near_hands(scene.mesh, points), STONE)
+        body = soup.mesh_surface(soup.near_hands(scene.mesh, points), soup.STONE)
     shown = at(usual)
     rows, columns = (round(FINENESS / OVERSAMPLING * side) for side in frame_shape(width))
     view = clearest_view(shown, body)
-    camera = frame(np.concatenate([points, body.points]), look_from(view.towards), (rows, columns), margin=0.06)
+    camera = frame(np.concatenate([points, body.points]), soup.look_from(view.towards), (rows, columns), margin=0.06)
     stone = shade(body, camera)
     for tick in ticks.tolist():
         # An object that stands still is rendered once.
@@ -155,9 +146,9 @@ def video_frames(result: Result, ticks: IntArray, width: int, other: Result | No
         yield _written_on(composed(layers), results, tick, width)
 
 
-def _at_tick(bodies: Sequence[Surface], result: Result, tick: int) -> Surface:
+def _at_tick(bodies: Sequence[soup.Surface], result: Result, tick: int) -> soup.Surface:
     now = zip(bodies, result.meshes_moved(tick), strict=True)
-    return joined([moved(body, rotation_matrix(motion.turn[0]), motion.shift[0]) for body, motion in now])
+    return soup.joined([soup.moved(body, rotation_matrix(motion.turn[0]), motion.shift[0]) for body, motion in now])
 
 
 def _written_on(picture: FloatArray, results: Sequence[Result], tick: int, width: int) -> Picture:

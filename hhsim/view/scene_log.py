@@ -41,18 +41,7 @@ from hhsim.metrics.metrics import FORCE_FLOOR
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.render.triangle_soup import (
-    PIECES,
-    SKIN,
-    STONE,
-    Surface,
-    hand_surface,
-    joined,
-    mesh_surface,
-    painted,
-    piece_poses,
-    piece_surfaces,
-)
+from hhsim.render import triangle_soup as soup
 from hhsim.render.viewpoint import GHOST, PieceForce, View, arrow, viewpoint
 from hhsim.result.reader import Result
 from hhsim.trees.contact_surface import contact_surface
@@ -158,10 +147,12 @@ class RerunScene:
         scene = self.scene
         self._fixed("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         for name, (mesh, tree) in scene.bodies.items():
-            self._fixed(f"{OBJECT}{name}", rerun_mesh(mesh_surface(mesh, STONE), STONE_COLOR))
+            self._fixed(f"{OBJECT}{name}", rerun_mesh(soup.mesh_surface(mesh, soup.STONE), STONE_COLOR))
             if scene.spheres:
-                self._fixed(f"{SPHERES}{name}", rerun_spheres(tree))
-        for name, surface in zip(PIECES, piece_surfaces(scene.hand)):
+                center, radius = tree.leaf_center, tree.leaf_radius
+                balls = rr.Ellipsoids3D(centers=center, radii=radius, colors=SPHERE_COLOR, fill_mode="solid")
+                self._fixed(f"{SPHERES}{name}", balls)
+        for name, surface in zip(soup.PIECES, soup.piece_surfaces(scene.hand)):
             self._fixed(f"world/graphic/{name}", rerun_mesh(surface))
             inner = replace(surface, points=surface.points - INNER * surface.normals)
             self._fixed(f"world/haptic/{name}", rerun_mesh(inner, HAPTIC_COLOR))
@@ -185,8 +176,8 @@ class RerunScene:
         # Made once: every entity has the same.
         times = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
         for whose, hand in (("graphic", ticks.graphic), ("haptic", ticks.haptic)):
-            poses = piece_poses(self.scene.hand, *hand)
-            for k, name in enumerate(PIECES):
+            poses = soup.piece_poses(self.scene.hand, *hand)
+            for k, name in enumerate(soup.PIECES):
                 columns = rerun_poses(poses.translation[:, k], poses.quaternion[:, k])
                 self._columns(f"world/{whose}/{name}", times, columns)
         for name, moved in zip(self.scene.bodies, ticks.moved):
@@ -214,7 +205,7 @@ class RerunScene:
         """Send the skin of some ticks [m], world, shape (T, V, 3), and its triangles, shape (F, 3)."""
         import rerun as rr
 
-        color = rr.components.AlbedoFactor(np.append(SKIN, 1.0))
+        color = rr.components.AlbedoFactor(np.append(soup.SKIN, 1.0))
         self._fixed(SKIN_MESH, rr.Mesh3D.from_fields(triangle_indices=faces, albedo_factor=color))
         times = [rr.TimeColumn("tick", sequence=ticks.tick), rr.TimeColumn("time", duration=ticks.time)]
         normals = np.array([vertex_normals(points, faces) for points in vertices])
@@ -310,14 +301,7 @@ def vertex_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300))
 
 
-def rerun_spheres(tree: SphereTree) -> Any:
-    """Return the leaf spheres of a tree as rerun takes them."""
-    import rerun as rr
-
-    return rr.Ellipsoids3D(centers=tree.leaf_center, radii=tree.leaf_radius, colors=SPHERE_COLOR, fill_mode="solid")
-
-
-def rerun_mesh(surface: Surface, color: tuple[int, int, int, int] | None = None) -> Any:
+def rerun_mesh(surface: soup.Surface, color: tuple[int, int, int, int] | None = None) -> Any:
     """Return a surface as rerun takes it, in its own colours or in one."""
     import rerun as rr
 
@@ -339,13 +323,13 @@ def status_words(status: int) -> str:
 class Moment:
     """One tick, world: the graphic hand, the haptic one in blue, the forces that can be felt, and the contacts."""
 
-    graphic: Surface
-    haptic: Surface
+    graphic: soup.Surface
+    haptic: soup.Surface
     forces: list[PieceForce]
     contacts: ContactPoints
 
     @property
-    def hands(self) -> tuple[Surface, Surface]:
+    def hands(self) -> tuple[soup.Surface, soup.Surface]:
         """Both hands."""
         return self.graphic, self.haptic
 
@@ -355,24 +339,24 @@ class Moment:
         return np.array([arrow(force) for force in self.forces]).reshape(-1, 3)
 
 
-def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[Surface] = ()) -> Moment:
+def moment(result: Result, scene: ShownScene, tick: int, pieces: Sequence[soup.Surface] = ()) -> Moment:
     """Return what a picture shows of a tick; `pieces` as of `hand_surface`. InputError if there is no such tick."""
     values = result.at(tick, SHOWN_COLUMNS)
     ticks = shown_ticks(lambda name: values[name][None], [tick], [0], [0], moved=result.meshes_moved(tick))
     graphic, haptic = (
-        hand_surface(scene.hand, (part[0] for part in pose), pieces) for pose in (ticks.graphic, ticks.haptic)
+        soup.hand_surface(scene.hand, (part[0] for part in pose), pieces) for pose in (ticks.graphic, ticks.haptic)
     )
     if result.skin_faces is not None:
         (vertices,) = result.skin(slice(tick, tick + 1))
-        graphic = mesh_surface(Mesh(vertices, result.skin_faces), SKIN)
+        graphic = soup.mesh_surface(Mesh(vertices, result.skin_faces), soup.SKIN)
     contacts, force = contact_points(scene, ticks), body_forces(ticks.phalanx, ticks.total)
     places = force_places(ticks, contacts, force, scene.hand.radius)[0]
     felt = np.flatnonzero(sizes(force[0]) >= FORCE_FLOOR)
-    forces = [PieceForce(PIECES[k], places[k], force[0, k]) for k in felt]
-    return Moment(graphic, painted(haptic, GHOST), forces, contacts)
+    forces = [PieceForce(soup.PIECES[k], places[k], force[0, k]) for k in felt]
+    return Moment(graphic, soup.painted(haptic, GHOST), forces, contacts)
 
 
-def clearest_view(shown: Moment, body: Surface) -> View:
+def clearest_view(shown: Moment, body: soup.Surface) -> View:
     """Return the view that shows most of a tick beside an object, as `viewpoint`."""
     return viewpoint(shown.graphic, body, shown.contacts.point, shown.arrows)
 
@@ -381,7 +365,7 @@ def both_hands(moments: Sequence[Moment]) -> Moment:
     """Return one tick of several results of one object and time in one picture; the contacts are the first one's."""
     if len(moments) == 1:
         return moments[0]
-    graphic, haptic = (joined([getattr(one, whose) for one in moments]) for whose in ("graphic", "haptic"))
+    graphic, haptic = (soup.joined([getattr(one, whose) for one in moments]) for whose in ("graphic", "haptic"))
     return Moment(graphic, haptic, [force for one in moments for force in one.forces], moments[0].contacts)
 
 

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,24 +12,13 @@ from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.moving_parts import bodies_mesh, result_parts
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
 from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.solver.options import TOUCH
 from hhsim.system.progress import Progress, silent
-from hhsim.view.plots import (
-    GLOVE,
-    LIVE_PLOTS,
-    LOOP,
-    RESULT_PLOTS,
-    SHOWN_COLUMNS,
-    TIME,
-    Plot,
-    blueprint,
-    loop_values,
-    shown_ticks,
-)
+from hhsim.view import plots
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, OBJECT, RerunScene, ShownScene, status_words
 from hhsim.view.sink import NOTEBOOK, RerunTarget, rerun_stream
 
@@ -89,24 +77,13 @@ def view_result(
 ) -> Viewed:
     """Show a result of a replay or a session, complete or not; by default in the notebook whose cell calls this.
 
-    Only every so-manieth tick is shown (`every`); plots but for forces show the worst of the ticks between. With
-    `spheres` the leaf spheres stand in place of the object's mesh. Raises InputError for a result without a tick, or
-    that cannot be read; and as `rerun_stream`, OutputError too.
+    Of a file of two hands as a whole both are shown. Only every so-manieth tick is shown (`every`); plots but for
+    forces show the worst of the ticks between. With `spheres` the leaf spheres stand in place of the object's mesh.
+    Raises InputError for a result without a tick, or that cannot be read; and as `rerun_stream`, OutputError too.
     """
-    return _view([result], target, every, progress, spheres=spheres)
-
-
-def view_file(
-    path: Path, target: RerunTarget, *, every: int = 1, spheres: bool = False, progress: Progress = silent
-) -> Viewed:
-    """Show every hand of a result file in one view; arguments and errors as of `view_result`."""
-    return _view([*load_result(path).hands.values()], target, every, progress, spheres=spheres)
-
-
-def _view(hands: Sequence[Result], target: RerunTarget, every: int, progress: Progress, *, spheres: bool) -> Viewed:
     if every < 1:
         raise InputError(f"every {every} ticks: expected 1 or more")
-    shown = []
+    hands, shown = [result] if result.name else list(result.hands.values()), []
     for result in hands:
         if result.ticks == 0:
             raise InputError(f"{result.label} holds no tick")
@@ -140,17 +117,17 @@ def send_ticks(viewer: RerunScene, result: Result, every: int, progress: Progres
             viewer.log_event(1e-9 * (float(time_ns) - begin), EVENT_LEVELS[int(level)], words)
     # A block holds whole groups of ticks, so that each shown tick has those that it stands for.
     step = max(1, BLOCK_TICKS // every) * every
-    names = (*SHOWN_COLUMNS, *(LIVE_COLUMNS if result.live is not None else ()))
+    names = (*plots.SHOWN_COLUMNS, *(LIVE_COLUMNS if result.live is not None else ()))
     for number, block in enumerate(result.blocks(names, step)):
         first, count, more = number * step, len(block["time"]), {}
         progress("ticks", first, result.ticks)
         if result.live is not None:
             stiffness, wakeup, latency = (block[name] for name in LIVE_COLUMNS)
-            more = {GLOVE: stiffness, LOOP: loop_values(wakeup, latency)}
+            more = {plots.GLOVE: stiffness, plots.LOOP: plots.loop_values(wakeup, latency)}
         moved = result.meshes_moved(slice(first, first + count))
         kept = np.arange(0, count, every)
         numbers = np.arange(first, first + count)
-        ticks = shown_ticks(block.__getitem__, numbers, kept, kept, more, moved)
+        ticks = plots.shown_ticks(block.__getitem__, numbers, kept, kept, more, moved)
         viewer.log_ticks(ticks)
         if result.skin_faces is not None:
             viewer.log_skin(ticks, result.skin(slice(first, first + count, every)), result.skin_faces)
@@ -174,9 +151,9 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     )
 
 
-def result_plots(result: Result) -> tuple[Plot, ...]:
+def result_plots(result: Result) -> tuple[plots.Plot, ...]:
     """Return the plots of a replay, or of a session."""
-    return RESULT_PLOTS if result.live is None else LIVE_PLOTS
+    return plots.RESULT_PLOTS if result.live is None else plots.LIVE_PLOTS
 
 
 def arranged(shown: Sequence[Shown]) -> "rrb.Blueprint":
@@ -190,13 +167,13 @@ def arranged(shown: Sequence[Shown]) -> "rrb.Blueprint":
     # one object, which is drawn once.
     hidden = [f"{one.root}{OBJECT}" for one in shown if one.scene.spheres or one is not shown[0]]
     hidden += [f"{one.root}world/graphic" for one in shown if one.result.skin_faces is not None]
-    return blueprint(
+    return plots.blueprint(
         0.5 * (low + high),
         float(np.linalg.norm(high - low)),
         f"{result.path.name}: graphic hand, haptic hand (blue), contact forces (red)",
         result_plots(result),
         hidden=hidden,
-        tops={TIME: max(top, 1.0)},
+        tops={plots.TIME: max(top, 1.0)},
         hands={one.root: one.result.name for one in shown},
     )
 

@@ -11,7 +11,7 @@ from sampled import sampled
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import read_linkage, read_robot
-from hhsim.linkage.linkage import Linkage, Mimic
+from hhsim.linkage.linkage import Mimic, Robot
 from hhsim.robots.touching_pairs import link_poses
 from hhsim.system.child_reader import read_in_child
 
@@ -19,7 +19,7 @@ mujoco = pytest.importorskip("mujoco", reason="pip install 'hhsim[mjcf]' brings 
 SEEDS = sampled(range(24), lambda place, _: place < 4)
 
 
-def _read(tmp_path: Path, world: str, before: str = "", after: str = "") -> Linkage:
+def _read(tmp_path: Path, world: str, before: str = "", after: str = "") -> Robot:
     path = tmp_path / "thing.xml"
     path.write_text(f"<mujoco>{before}<worldbody>{world}</worldbody>{after}</mujoco>")
     return read_linkage(path)
@@ -53,14 +53,14 @@ def test_links_are_where_mujoco_has_them(tmp_path: Path, seed: int) -> None:
     linkage = _read(tmp_path, _random_bodies(rng), '<compiler angle="radian"/>')
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "thing.xml"))
     data = mujoco.MjData(model)
-    begin = {each.name: each.start for each in linkage.joints.values()}
+    begin = {each.name: each.start for each in linkage.joints}
     for values in (begin, {name: float(rng.uniform(-2.0, 2.0)) for name in begin}):
         for name, value in values.items():
             data.joint(name).qpos = value
         mujoco.mj_forward(model, data)
         found = places(linkage, values)
         assert len(values) == model.njnt
-        for each in linkage.joints.values():
+        for each in linkage.joints:
             body = model.body(each.child).id
             np.testing.assert_allclose(found[each.child][:3, 3], data.xpos[body], atol=1e-9)
             np.testing.assert_allclose(found[each.child][:3, :3], data.xmat[body].reshape(3, 3), atol=1e-9)
@@ -89,7 +89,7 @@ DOOR = """
 def test_a_door_has_a_leaf_on_a_hinge_its_friction_and_the_floor_as_its_table(tmp_path: Path) -> None:
     door = _read(tmp_path, DOOR)
     assert [each.name for each in door.links] == ["frame", "leaf"]
-    leaf, swing = door.links[1], door.joints["leaf"]
+    leaf, swing = door.links[1], door.joint_of["leaf"]
     assert [len(each.shapes) for each in door.links] == [1, 2], "what is only seen does not touch"
     assert (swing.type, swing.parent, swing.friction) == ("hinge", "frame", 0.2)
     np.testing.assert_allclose(np.array(swing.limits), np.radians([-10.0, 90.0]))

@@ -13,7 +13,7 @@ from sampled import sampled
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
 from hhsim.linkage.file import read_linkage, read_robot
-from hhsim.linkage.linkage import Linkage
+from hhsim.linkage.linkage import Robot
 from hhsim.mesh.shapes import ENCLOSING, capsule, cylinder
 from hhsim.scene.scene import open_scene
 from hhsim.system.child_reader import read_in_child
@@ -23,18 +23,18 @@ SEEDS = sampled(range(24), lambda place, _: place < 4)
 MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'
 
 
-def _read(tmp_path: Path, *content: str, text: str = "") -> Linkage:
+def _read(tmp_path: Path, *content: str, text: str = "") -> Robot:
     path = tmp_path / "thing.urdf"
     path.write_text(text or urdf(*content))
     return read_linkage(path)
 
 
-def _values(linkage: Linkage, seed: int) -> dict[str, float]:
+def _values(linkage: Robot, seed: int) -> dict[str, float]:
     rng = np.random.default_rng(1000 + seed)
-    return {each.name: float(rng.uniform(-1.0, 2.0)) for each in linkage.joints.values()}
+    return {each.name: float(rng.uniform(-1.0, 2.0)) for each in linkage.joints}
 
 
-def _same_corners(linkage: Linkage, found: dict[str, np.ndarray], wanted: np.ndarray) -> None:
+def _same_corners(linkage: Robot, found: dict[str, np.ndarray], wanted: np.ndarray) -> None:
     """Compare the corners of all shapes in the file's frame, whatever link they have been merged into."""
     corners = np.concatenate(
         [
@@ -82,7 +82,7 @@ def test_mass_centre_and_inertia_of_all_links_are_as_mujoco_has_them(tmp_path: P
     mujoco.mj_forward(model, data)
     found = places(linkage, values)
     for each in linkage.links:
-        place, body = found[each.name], model.body(each.name).id if each.name in linkage.joints else 0
+        place, body = found[each.name], model.body(each.name).id if each.name in linkage.joint_of else 0
         if body:
             # MuJoCo merges links on fixed joints, too, but for those of the world, which need no mass there.
             assert each.inertial is not None and each.inertial.center is not None and each.inertial.inertia is not None
@@ -173,8 +173,8 @@ def test_fixed_joints_make_one_link_and_links_without_shapes_fall_away(tmp_path:
     )
     assert [each.name for each in found.links] == ["base", "door"]
     assert [len(each.shapes) for each in found.links] == [1, 2]
-    np.testing.assert_allclose(found.joints["door"].origin, [0.1, 0.0, 0.5])
-    np.testing.assert_allclose(found.joints["door"].axis, [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(found.joint_of["door"].origin, [0.1, 0.0, 0.5])
+    np.testing.assert_allclose(found.joint_of["door"].axis, [0.0, 1.0, 0.0], atol=1e-12)
     assert found.links[1].shapes[1][0][:, 2].max() == pytest.approx(0.25)
     assert not found.on_world
     assert found.notes == ("link 'tip' has no shape: it is left out, with the joint 'tip_joint'",)
@@ -184,8 +184,8 @@ def test_what_is_fixed_to_world_is_on_the_world_and_a_root_without_a_shape_is_th
     fixed = _read(tmp_path, link("world", ""), link("a"), joint("world", "a", "fixed"))
     assert fixed.on_world and [each.name for each in fixed.links] == ["a"]
     door = _read(tmp_path, link("root", ""), link("a"), joint("root", "a", origin='xyz="0 0 1"'))
-    assert door.on_world and door.joints["a"].parent == ""
-    np.testing.assert_allclose(door.joints["a"].frame.position, [0.0, 0.0, 1.0])
+    assert door.on_world and door.joint_of["a"].parent == ""
+    np.testing.assert_allclose(door.joint_of["a"].frame.position, [0.0, 0.0, 1.0])
     alone = _read(tmp_path, link("a"))
     assert not alone.on_world and not alone.joints
 
@@ -206,15 +206,15 @@ def test_mass_friction_and_start_are_as_stated(tmp_path: Path) -> None:
     assert b.inertial is not None and b.inertial.inertia is None and b.inertial.mass == 3.0, "no solid has such moments"
     assert c.inertial is None
     assert (a.friction, b.friction) == (0.8, None)
-    assert (found.joints["b"].friction, found.joints["b"].start) == (0.3, 0.5)
-    assert found.joints["c"].limits is None and found.joints["c"].axis.tolist() == [1.0, 0.0, 0.0]
+    assert (found.joint_of["b"].friction, found.joint_of["b"].start) == (0.3, 0.5)
+    assert found.joint_of["c"].limits is None and found.joint_of["c"].axis.tolist() == [1.0, 0.0, 0.0]
     assert found.notes == ("joint 'b_joint': its damping, 2, is left out: hhsim has dry friction alone",)
 
 
 def test_names_become_those_that_files_can_hold_each_once(tmp_path: Path) -> None:
     found = _read(tmp_path, link("a/b"), link("a b"), joint("a/b", "a b", name="turns here"))
     assert [each.name for each in found.links] == ["a_b", "a_b-2"]
-    assert found.joints["a_b-2"].parent == "a_b" and found.joints["a_b-2"].name == "turns_here"
+    assert found.joint_of["a_b-2"].parent == "a_b" and found.joint_of["a_b-2"].name == "turns_here"
 
 
 A, B = link("a"), link("b")

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.scene.body import Joint
-from hhsim.scene.body_file import BodySettings
+from hhsim.scene.body import BodySettings, Joint
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 
 BASE = '[[body]]\nname = "base"\nmesh = "cube"\nfixed = true\n'

@@ -47,7 +47,7 @@ def test_bodies_are_where_the_linkage_has_them_at_each_value(
     path.write_text(random_urdf(seed, 5))
     linkage = read_linkage(path)
     rng = np.random.default_rng(seed)
-    ends = {each.name: (rng.uniform(-1.0, 0.0), rng.uniform(0.0, 2.0)) for each in linkage.joints.values()}
+    ends = {each.name: (rng.uniform(-1.0, 0.0), rng.uniform(0.0, 2.0)) for each in linkage.joints}
     moved = _moved(**{name: [(0.0, first), (1.0, last)] for name, (first, last) in ends.items()})
     # Random links may well begin inside each other.
     monkeypatch.setattr(declared_bodies, "_require_apart", lambda bodies: None)

@@ -10,8 +10,9 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
+from hhsim.scene.contact_goals import TOUCHING
 from hhsim.scene.declared_bodies import DeclaredBodies
-from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, depth_at_start, described_scene, touches
+from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, described_scene, least_distance
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
@@ -35,6 +36,10 @@ def fist(at: float = 0.4) -> Trajectory:
     )
 
 
+def touches(found: PlacedScene) -> bool:
+    return least_distance(found.scene, found.scene.solids[0].placed_tree) < TOUCHING
+
+
 def imported(at: float) -> Trajectory:
     """The same as `hhsim import` would make it, with flags."""
     return replace(fist(at), flags=np.zeros(20, dtype=np.uint32))
@@ -49,7 +54,7 @@ def test_it_is_placed_by_itself_where_nothing_touches() -> None:
     found = placed(fist())
     assert found.place == "auto" and found.by_itself and found.placement is not None
     assert found.note.startswith("as the recording has it, the hand touches nothing, so object placed where ")
-    assert touches(found.scene, found.scene.solids[0].placed_tree)
+    assert touches(found)
     assert found.scene.hands[0].trajectory.source == "a made-up glove"
     document = found.to_json()
     assert document is not None and document["by_itself"] and document["text"] in found.note
@@ -58,13 +63,9 @@ def test_it_is_placed_by_itself_where_nothing_touches() -> None:
 @pytest.mark.soak
 def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches_it() -> None:
     there = placed(fist(), "recorded")
-    assert (there.place, there.note, touches(there.scene, there.scene.solids[0].placed_tree)) == ("recorded", "", False)
+    assert (there.place, there.note, touches(there)) == ("recorded", "", False)
     touched = placed(fist(0.04))
-    assert (touched.place, touched.note, touches(touched.scene, touched.scene.solids[0].placed_tree)) == (
-        "recorded",
-        "",
-        True,
-    )
+    assert (touched.place, touched.note, touches(touched)) == ("recorded", "", True)
     asked = placed(fist(), "auto")
     assert (asked.place, asked.by_itself) == ("auto", False)
 
@@ -75,8 +76,8 @@ def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
     assert found.by_itself and found.placement is not None and found.placement.start_gap > 0.0
     assert found.note.startswith("as the recording has it, the hand begins inside the object, so object placed where ")
     inside = placed(fist(0.0), "recorded").scene
-    assert depth_at_start(inside, inside.solids[0].placed_tree) > 0.01
-    assert depth_at_start(found.scene, found.scene.solids[0].placed_tree) == 0.0
+    assert least_distance(inside, inside.solids[0].placed_tree, limit=0.0, ticks=1) < -0.01
+    assert least_distance(found.scene, found.scene.solids[0].placed_tree, limit=0.0, ticks=1) == 0.0
     of_a_session = imported(0.0).placed(np.array([0.0, 0.0, 0.001]), np.array([1.0, 0.0, 0.0, 0.0]))
     assert placed(of_a_session).place == placed(fist(0.0)).place == "recorded"
 
