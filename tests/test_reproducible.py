@@ -19,6 +19,7 @@ ANYWHERE_ELSE = {
     "trees/surface_cover.py": {"**"},  # a share, of which the whole part is taken
     "trees/sphere_tree.py": {"np.linalg.det"},  # its sign, of a rotation or a mirror
     "solver/qp.py": {"@"},  # programs for other solvers, whose bits are theirs
+    "mesh/isosurface.py": {"np.log2", "np.einsum"},
     "mesh/mesh.py": {"**"},  # a bound for meshes that enclose nothing
     "mesh/repair.py": {"**"},
     "mesh/topology.py": {"@", "np.linalg.svd", "np.einsum"},

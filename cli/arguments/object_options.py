@@ -51,7 +51,7 @@ class MeshFile(MeshSize):
     """Reading of a mesh file: as it is, or as a solid."""
 
     solid: bool = option(
-        "Close a mesh file to a solid, where that is safe. Default: what is none is touched as a skin."
+        "Close a mesh file to a solid, meshed anew if need be. Default: what is none is touched as a skin."
     )
 
     def words(self, tree: "TreeChoice") -> dict[str, Any]:

@@ -1,14 +1,13 @@
-"""Mesh files as plain arrays: OBJ, OFF and STL, any other format that trimesh reads, and exact binary PLY.
+"""Mesh files: OBJ, OFF, STL, any other format that trimesh reads, as plain arrays; and exact binary PLY."""
 
-All that a file states is read, or it is refused.
-"""
-
-import io
+import bz2
+import gzip
 import re
 import warnings
 import zipfile
-from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
-from collections.abc import Callable, Mapping
+from codecs import BOM_UTF8
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,14 +15,15 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, MeshError
+from hhsim.mesh.polygon_formats import READERS, Triangles
 from hhsim.mesh.scene_formats import STATED
 from hhsim.mesh.topology import polygon_triangles
 from hhsim.system.child_reader import read_in_child
-from hhsim.system.counted import counted
 from hhsim.system.input_file import check_ordinary, media_kind_of, most_unpacked, open_input
 
+ARCHIVES = ("zip", "tar.bz2", "tar.gz", "bz2")
+"""Kinds of files that hold mesh files, one that ends as another one before it."""
 INSTEAD = {
-    **dict.fromkeys(("zip", "gz", "bz2", "tar", "tgz", "7z", "rar"), "an archive; unpack the mesh and what it names"),
     **dict.fromkeys(("step", "stp", "iges", "igs"), "a CAD model; export STL, OBJ or PLY"),
     **dict.fromkeys(("fbx", "blend", "usd", "usdc", "usdz", "3ds"), "a 3-D scene; export OBJ, PLY, STL or GLB"),
     "xacro": "a robot with macros of xacro; expand it: xacro FILE > FILE.urdf",
@@ -38,12 +38,12 @@ COARSEST = 1e-3
 
 
 class MeshOfFile(NamedTuple):
-    """MeshOfFile of a mesh file, unmerged; the parts of a scene are joined in its frame."""
+    """Triangles of a mesh file, unmerged; the parts of a scene are joined in its frame."""
 
     vertices: FloatArray  # in the unit of the file, shape (V, 3)
     faces: IntArray  # corner indices, shape (F, 3)
-    warnings: tuple[str, ...] = ()  # suspicions, a sentence each
     metre: float | None = None  # length of the unit that the file states [m]; None if it states none
+    warnings: tuple[str, ...] = ()  # suspicions, a sentence each
 
 
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
@@ -66,14 +66,15 @@ def read_mesh(path: Path) -> MeshOfFile:
         check_ordinary(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; expected a mesh") from None
-    kind = path.suffix.lower().removeprefix(".")
+    name = path.name.lower()
+    kind = next((each for each in ARCHIVES if name.endswith(f".{each}")), path.suffix.lower().removeprefix("."))
     if kind not in READERS:
         _require_known(path, kind)
     size = _unpacked_size(path)
     try:
         # The readers raise whatever their parser trips over: IndexError, KeyError, struct.error and more.
         refusal = f"cannot be read as .{kind}: damaged, too large, or of another kind"
-        found = read_in_child(lambda: _whole(path, kind), refusal, size)
+        found = read_in_child(lambda: _joined(path, kind), refusal, size)
     except DamagedFileError as error:
         raise MeshError(f"{path}: {error}") from None
     _require_resolution(found.vertices, str(path))
@@ -84,11 +85,11 @@ def _require_known(path: Path, kind: str) -> None:
     """Raise MeshError for a kind of file that trimesh, which is imported, does not read."""
     import trimesh
 
-    if kind in INSTEAD:
-        raise MeshError(f"{path}: {INSTEAD[kind]}")
-    formats = trimesh.available_formats() - INSTEAD.keys()
+    formats = trimesh.available_formats()
     if kind in formats:
         return
+    if kind in INSTEAD:
+        raise MeshError(f"{path}: {INSTEAD[kind]}")
     if kind in PACKAGES:
         raise MeshError(f"{path}: .{kind} is read with the package {PACKAGES[kind]}: pip install {PACKAGES[kind]}")
     known = ", ".join(sorted(formats))
@@ -113,27 +114,31 @@ def _require_resolution(vertices: FloatArray, name: str) -> None:
         raise MeshError(f"{name}: {far}: move it to the origin, in the program that made it")
 
 
-def _whole(path: Path, kind: str) -> MeshOfFile:
-    """Read all meshes of a file as one, and import the rest of what the format needs; errors as of `read_mesh`."""
-    with open_input(path) as file:
-        content = file.read()
-    try:
-        found = _parts(content, kind, _ordinary_files_beside(path))
-    except MeshError as error:
-        raise MeshError(f"{path}: {error}") from error
+def _joined(path: Path, kind: str) -> MeshOfFile:
+    """Read all meshes of a file, and import the rest of what the format needs; errors as of `read_mesh`."""
+    found, metres = list[Triangles](), set[float | None]()
+    for name, content, each, resolver in _files(path, kind):
+        try:
+            parts, metre = _parts(content, each, resolver)
+        except MeshError as error:
+            raise MeshError(f"{name}: {error}") from error
+        found += parts
+        metres.add(metre)
     if not found:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
+    if len(metres) > 1:
+        raise MeshError(f"{path}: it holds meshes of several units; expected those of one")
     starts = np.cumsum([0] + [len(part.vertices) for part in found[:-1]])
     return MeshOfFile(
         np.concatenate([part.vertices for part in found]),
         np.concatenate([part.faces + start for part, start in zip(found, starts)]),
+        metres.pop(),
         tuple(warning for part in found for warning in part.warnings),
-        found[0].metre,
     )
 
 
-def _parts(content: bytes, kind: str, resolver: Any) -> list[MeshOfFile]:
-    """Return the meshes in the content of a file that have triangles.
+def _parts(content: bytes, kind: str, resolver: Any) -> tuple[list[Triangles], float | None]:
+    """Return the meshes in the content of a file that have triangles, and the length of its unit [m]; None for none.
 
     The number of triangles is held against what the file states.
     """
@@ -142,7 +147,7 @@ def _parts(content: bytes, kind: str, resolver: Any) -> list[MeshOfFile]:
             read = READERS[kind](content)
         except (MeshError, ValueError) as error:
             raise MeshError(f"cannot be read as .{kind}: {error}") from error
-        return [read] if len(read.faces) else []
+        return [read] if len(read.faces) else [], None
     import trimesh
 
     stated = STATED[kind](content) if kind in STATED else None
@@ -150,24 +155,22 @@ def _parts(content: bytes, kind: str, resolver: Any) -> list[MeshOfFile]:
         # What numpy warns of inside the readers (NaN in a normal, say) is found by the checks that follow.
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            file = io.BytesIO(content.removeprefix(BOM_UTF8))
+            file = BytesIO(content.removeprefix(BOM_UTF8))
             scene = trimesh.load_scene(file, file_type=kind, process=False, resolver=resolver)
             meshes = [part for part in scene.dump() if isinstance(part, trimesh.Trimesh) and len(part.faces)]
     except ImportError as error:
         raise MeshError(f"cannot be read as .{kind} without the package {error.name or error}") from error
     if kind == "ply":
-        return [_of_ply(mesh, content) for mesh in meshes]
+        return [_of_ply(mesh, content) for mesh in meshes], None
     lost = 0 if stated is None else stated.triangles - sum(len(mesh.faces) for mesh in meshes)
     if stated is not None and lost:
         what = f"{stated.triangles - lost:,} triangles of the {stated.triangles:,} that it states were read"
         raise MeshError(f"{what}: save it anew, as plain triangles")
-    metre = None if stated is None else stated.metre
-    return [
-        MeshOfFile(np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64), (), metre) for mesh in meshes
-    ]
+    parts = [Triangles(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)) for mesh in meshes]
+    return parts, None if stated is None else stated.metre
 
 
-def _of_ply(mesh: Any, content: bytes) -> MeshOfFile:
+def _of_ply(mesh: Any, content: bytes) -> Triangles:
     """Return the mesh of a PLY, whose polygons are cut anew, since trimesh makes a fan of each."""
     raw = mesh.metadata["_ply_raw"]
     data = raw["face"]["data"]
@@ -182,21 +185,45 @@ def _of_ply(mesh: Any, content: bytes) -> MeshOfFile:
     place = raw["vertex"]["data"]
     vertices = np.stack([np.ravel(place[axis]) for axis in "xyz"], axis=1).astype(np.float64)
     corners = np.ravel(rings) if is_even else np.concatenate([np.ravel(ring) for ring in rings])
-    return MeshOfFile(vertices, polygon_triangles(vertices, corners.astype(np.int64), sizes))
+    return Triangles(vertices, polygon_triangles(vertices, corners.astype(np.int64), sizes))
+
+
+def _files(path: Path, kind: str) -> Iterator[tuple[str, bytes, str, Any]]:
+    """Yield the mesh files in a file, with name, content, kind and resolver: itself, or those of an archive."""
+    with open_input(path) as file:
+        if kind not in ARCHIVES:
+            yield str(path), file.read(), kind, _ordinary_files_beside(path)
+            return
+        import trimesh
+
+        alone = {path.stem: BytesIO(bz2.decompress(file.read()))} if kind == "bz2" else {}
+        members: dict[str, Any] = alone or trimesh.util.decompress(file, kind.partition(".")[0])
+        for name, member in members.items():
+            each = Path(name).suffix.lower().removeprefix(".")
+            # A Mac puts notes of its own into archives, under the names of the files.
+            if each in trimesh.available_formats() and each not in ARCHIVES and "__MACOSX" not in name:
+                yield f"{path}: {name}", member.read(), each, trimesh.resolvers.ZipResolver(members)
 
 
 def _unpacked_size(path: Path) -> int:
-    """Return the size of a file's content [byte], unpacked; MeshError for more than such a file can be of."""
+    """Return the size of a file's content, unpacked [byte]; MeshError for more than such a file can be of."""
     size = packed = path.stat().st_size
+    most = most_unpacked(packed) // MEMORY_OF_A_BYTE
     try:
         with open_input(path) as file:
             if zipfile.is_zipfile(file):
                 with zipfile.ZipFile(file) as archive:
                     size = sum(entry.file_size for entry in archive.infolist())
-    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
+            elif path.suffix.lower() in (".bz2", ".gz"):
+                file.seek(0)
+                with (bz2 if path.suffix.lower() == ".bz2" else gzip).open(file) as unpacked:
+                    size = 0
+                    while size <= most and (piece := unpacked.read(1 << 20)):
+                        size += len(piece)
+    except (zipfile.BadZipFile, EOFError, OSError, ValueError, NotImplementedError) as error:
         raise MeshError(f"{path}: a damaged archive: {' '.join(str(error).split())[:120]}") from None
-    if size > packed and size > most_unpacked(packed) // MEMORY_OF_A_BYTE:
-        raise MeshError(f"{path}: {size:,} bytes in an archive of {packed:,}; expected a mesh")
+    if size > packed and size > most:
+        raise MeshError(f"{path}: {size:,} bytes or more in an archive of {packed:,}; expected a mesh")
     return size
 
 
@@ -213,103 +240,6 @@ def _ordinary_files_beside(path: Path) -> Any:
             return super().get(name)
 
     return Resolver(str(path))
-
-
-NO_END = "its last solid has no 'endsolid': the file may be cut"
-
-_STL_HEAD = 84
-_STL_FACET = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attribute", "<u2")])
-
-
-def text_of(content: bytes) -> str:
-    """Decode text with any byte-order mark or none, its lines ended by a newline; MeshError where it is none."""
-    is_wide = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
-    with io.TextIOWrapper(io.BytesIO(content), "utf-16" if is_wide else "utf-8-sig", "replace") as file:
-        text = file.read()
-    if "\0" in text:
-        raise MeshError("damaged, or of another kind")
-    return text
-
-
-def read_obj(content: bytes) -> MeshOfFile:
-    """Read all faces of an OBJ; a relative index counts back from its own line."""
-    points, corners, sizes = list[list[str]](), list[int](), list[int]()
-    for number, line in enumerate(text_of(content).replace("\\\n", " ").split("\n"), 1):
-        words = line.partition("#")[0].split()
-        if not words:
-            continue
-        if words[0] == "v":
-            if len(words) < 4:
-                raise MeshError(f"line {number} reads '{line.strip()[:60]}', expected v x y z")
-            points.append(words[1:4])
-        elif words[0] == "f":
-            try:
-                ring = [int(word.partition("/")[0]) for word in words[1:]]
-            except ValueError:
-                ring = [0]
-            # Indices count from 1, or back from the last vertex so far.
-            if len(ring) < 3 or 0 in ring or len(points) + min(ring) < 0:
-                raise MeshError(f"line {number} reads '{line.strip()[:60]}', expected f with three vertices or more")
-            corners += [index - 1 if index > 0 else len(points) + index for index in ring]
-            sizes.append(len(ring))
-    return _cut(points, corners, sizes)
-
-
-def read_off(content: bytes) -> MeshOfFile:
-    """Read an OFF as long as its own counts say."""
-    lines = [words for line in text_of(content).split("\n") if (words := line.partition("#")[0].split())]
-    head = re.fullmatch(r"(ST|C|N)*OFF(.*)", " ".join(lines[0])) if lines else None
-    if head is None:
-        raise MeshError("the first line does not read OFF")
-    counts, rows = (head[2].split(), lines[1:]) if head[2].strip() else (lines[1] if lines[1:] else [], lines[2:])
-    if len(counts) < 2 or not (counts[0].isdecimal() and counts[1].isdecimal()):
-        raise MeshError("expected the numbers of its vertices and faces below OFF")
-    points, faces = int(counts[0]), int(counts[1])
-    rings = [row[1 : 1 + int(row[0])] for row in rows[points : points + faces]]
-    complete = sum(len(ring) == int(row[0]) for ring, row in zip(rings, rows[points:]))
-    if complete < faces or any(len(row) < 3 for row in rows[:points]):
-        raise MeshError(f"{complete:,} of {faces:,} faces are there: is the file cut?")
-    corners = [int(index) for ring in rings for index in ring]
-    return _cut([row[:3] for row in rows[:points]], corners, [len(ring) for ring in rings])
-
-
-def read_stl(content: bytes) -> MeshOfFile:
-    """Read a binary STL of the length that it states, or all solids of one that is text."""
-    stated = int.from_bytes(content[80:_STL_HEAD], "little")
-    if len(content) == _STL_HEAD + stated * _STL_FACET.itemsize:
-        corner = np.frombuffer(content, _STL_FACET, offset=_STL_HEAD)["corner"].reshape(-1, 3)
-        return MeshOfFile(corner.astype(np.float64), np.arange(len(corner)).reshape(-1, 3))
-    text = text_of(content).lower()
-    facets = len(re.findall(r"^\s*facet\b", text, re.MULTILINE))
-    if text.strip() and not facets and not re.match(r"\s*solid\b", text):
-        raise MeshError("damaged, or of another kind")
-    rows = [row.split() for row in re.findall(r"^\s*vertex\b(.*)$", text, re.MULTILINE)]
-    if len(rows) != 3 * facets or any(len(row) != 3 for row in rows):
-        raise MeshError(f"{counted(facets, 'facet')} and {counted(len(rows), 'vertex')}: is the file cut?")
-    ends = len(re.findall(r"^\s*endsolid\b", text, re.MULTILINE))
-    is_cut = ends < len(re.findall(r"^\s*solid\b", text, re.MULTILINE))
-    faces = np.arange(len(rows)).reshape(-1, 3)
-    return MeshOfFile(_numbers(rows), faces, (NO_END,) if is_cut else ())
-
-
-READERS: Mapping[str, Callable[[bytes], MeshOfFile]] = {
-    "obj": read_obj,
-    "off": read_off,
-    "stl": read_stl,
-    "stl_ascii": read_stl,
-}
-"""Reader of each format, which raises MeshError or ValueError for one that is not whole."""
-
-
-def _cut(points: list[list[str]], corners: list[int], sizes: list[int]) -> MeshOfFile:
-    vertices, index = _numbers(points), np.array(corners, dtype=np.int64)
-    if len(index) and not 0 <= index.min() <= index.max() < len(points):
-        raise MeshError(f"a face names vertex {index.max() + 1:,} of {len(points):,}")
-    return MeshOfFile(vertices, polygon_triangles(vertices, index, np.array(sizes, dtype=np.int64)))
-
-
-def _numbers(rows: list[list[str]]) -> FloatArray:
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
 PLY_VERTEX = np.dtype([("x", "<f8"), ("y", "<f8"), ("z", "<f8")])

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_mesh
-from hhsim.mesh.topology import Shell, is_closed, merged_vertices
+from hhsim.mesh.shell import Shell
+from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
 from hhsim.reproducible import dot, matmul, norm
 
@@ -155,7 +156,8 @@ def unit_length_of(path: str | Path, unit: str | None = None, size: float | None
 def load_mesh(path: str | Path, unit: str | None = None, size: float | None = None, solid: bool | None = True) -> Mesh:
     """Read a mesh file, scale it to metres, check it and give it an inside.
 
-    What is safe to repair is repaired; else the mesh is refused, unless its triangles are taken as they are.
+    What is safe to repair is repaired. Otherwise the inside is where the winding number of the triangles exceeds 1/2,
+    if they enclose nearly all of it; else the mesh is refused.
 
     Args:
         path: Any format that trimesh reads (.obj .stl .ply .off .glb …); the parts of a scene are joined.
@@ -174,7 +176,7 @@ def load_mesh(path: str | Path, unit: str | None = None, size: float | None = No
         raise InputError(f"unknown unit '{unit}': known: {', '.join(METRES_PER_UNIT)}")
     if size is not None:
         check_range("size", size)
-    vertices, faces, warnings, stated = read_mesh(path)
+    vertices, faces, stated, warnings = read_mesh(path)
     require_usable_arrays(vertices, faces, str(path))
     mesh = Mesh(vertices, faces, name=path.stem, source=str(path))
     longest = float(mesh.extent.max())
@@ -204,7 +206,8 @@ def with_inside(mesh: Mesh, unit_length: float = 1.0, hint: str = "", solid: boo
     `hint` ends the message for a mesh that no hand can use. Raises MeshError, which begins with the mesh's source.
     """
     # The checks bring the compiler; who only reads the catalogue does without it.
-    from hhsim.mesh.repair import solid_surface, turned_triangles
+    from hhsim.mesh.repair import turned_triangles
+    from hhsim.mesh.solidify import solid_surface
 
     longest = float(mesh.extent.max()) * unit_length
     if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:

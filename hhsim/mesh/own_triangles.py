@@ -13,7 +13,21 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
-from hhsim.mesh import repair, topology
+from hhsim.mesh import topology
+from hhsim.mesh.repair import (
+    BENT_HOLE,
+    CAP_AREA,
+    NEAR_VERTEX,
+    SHEET_VOLUME,
+    WIDE_HOLE,
+    MeshInRepair,
+    closed_surface,
+    joined_parts,
+    parting_faces,
+    turn_outward,
+)
+from hhsim.mesh.shell import Shell
+from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
@@ -31,7 +45,7 @@ class CoveredSurface(NamedTuple):
 
     vertices: FloatArray  # (V, 3)
     faces: IntArray  # (F, 3)
-    shell: topology.Shell | None
+    shell: Shell | None
     repairs: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
@@ -52,22 +66,20 @@ def own_triangles(
         raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
     warnings = list[str]()
     try:
-        surface = repair.closed_surface(given_vertices, given_faces, name, unit_length)
+        surface = closed_surface(given_vertices, given_faces, name, unit_length)
     except MeshError:
         repairs = list[str]()
-        solid, enclosing, is_sheet, is_sound = _solid_parts(
-            repair.MeshInRepair(vertices, faces, name, unit_length), repairs
-        )
+        solid, enclosing, is_sheet, is_sound = _solid_parts(MeshInRepair(vertices, faces, name, unit_length), repairs)
         if len(enclosing) and any(topology.unfolded(solid, enclosing)[1:]):
             is_sound = False
             bvh = build_mesh_bvh(solid, enclosing, signed=False, by_winding=True)
-            folded = np.append(~repair.parting_faces(bvh, solid, enclosing), False)
+            folded = np.append(~parting_faces(bvh, solid, enclosing), False)
             is_sheet |= folded[places_in(vertices, faces, solid, enclosing)]
     else:
         solid, enclosing, is_sound = surface.vertices, surface.faces, True
         is_sheet = places_in(vertices, faces, solid, enclosing) < 0
         if not is_sheet.any():
-            repair.tell_assumed(surface, given_vertices, given_faces)
+            tell_assumed(surface, given_vertices, given_faces)
         repairs, warnings = surface.merged + surface.repairs, surface.warnings
         if not is_sheet.any():
             return CoveredSurface(solid, enclosing, None, tuple(repairs), tuple(warnings))
@@ -76,7 +88,7 @@ def own_triangles(
         sheet = sheet[~_inside(solid, enclosing, vertices, sheet, is_sound)]
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
-    shell = topology.Shell(solid, enclosing, sheet)
+    shell = Shell(solid, enclosing, sheet)
     return CoveredSurface(vertices, faces, shell, tuple(repairs), tuple(warnings))
 
 
@@ -90,7 +102,7 @@ def places_in(vertices: FloatArray, faces: IntArray, others: FloatArray, there: 
     return found[group[len(there) :]]
 
 
-def _solid_parts(given: repair.MeshInRepair, repairs: list[str]) -> tuple[FloatArray, IntArray, BoolArray, bool]:
+def _solid_parts(given: MeshInRepair, repairs: list[str]) -> tuple[FloatArray, IntArray, BoolArray, bool]:
     """Return vertices and faces of what encloses something, wound outward, and marks of the faces that do not.
 
     The last is False if what encloses something crosses itself.
@@ -117,28 +129,28 @@ def _solid_parts(given: repair.MeshInRepair, repairs: list[str]) -> tuple[FloatA
     own_area, cap_area = (np.bincount(all_label[one], weights=area[one], minlength=parts) for one in (~is_cap, is_cap))
     a, b, c = (caps.vertices[all_faces] - vertices.mean(axis=0)).transpose(1, 0, 2)
     volume = np.abs(np.bincount(all_label, weights=dot(a, np.cross(b, c)) / 6.0, minlength=parts))
-    bent = (caps.width > repair.WIDE_HOLE * size) & (caps.bend > repair.BENT_HOLE * caps.width)
+    bent = (caps.width > WIDE_HOLE * size) & (caps.bend > BENT_HOLE * caps.width)
     index, _, balance = topology.undirected_edges(all_faces)
     unbalanced = np.zeros(parts, np.bool_)
     unbalanced[all_label[np.flatnonzero(balance[index] != 0) // 3]] = True
-    closes = large & ~unbalanced & (cap_area <= repair.CAP_AREA * own_area)
+    closes = large & ~unbalanced & (cap_area <= CAP_AREA * own_area)
     whole_area = own_area + cap_area
-    closes &= volume >= repair.SHEET_VOLUME * whole_area * np.sqrt(whole_area)
+    closes &= volume >= SHEET_VOLUME * whole_area * np.sqrt(whole_area)
     closes[of_loop[bent]] = False
-    surface = repair.MeshInRepair(
+    surface = MeshInRepair(
         *topology.used_vertices(caps.vertices, all_faces[closes[all_label]]), given.name, given.unit_length
     )
     if not len(surface.faces):
         return nothing
     try:
-        repair.turn_outward(surface)
+        turn_outward(surface)
     except MeshError:
         return nothing
     capped = closes[of_loop]
     if capped.any():
         widest = surface.millimetres(float(caps.width[capped].max()))
         repairs.append(f"assumed closed at {counted(int(capped.sum()), 'hole')} up to {widest} wide")
-    is_sound = repair.joined_parts(surface)
+    is_sound = joined_parts(surface)
     repairs += surface.repairs
     return surface.vertices, surface.faces, ~closes[label], is_sound
 
@@ -150,7 +162,7 @@ def _inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet:
     middle = corner.mean(axis=1, keepdims=True)
     points = np.ascontiguousarray(np.concatenate([middle, 0.9 * corner + 0.1 * middle], axis=1).reshape(-1, 3))
     if is_sound:
-        near = repair.NEAR_VERTEX * float(np.ptp(vertices, axis=0).max())
+        near = NEAR_VERTEX * float(np.ptp(vertices, axis=0).max())
         return np.asarray((mesh_signed_distance(bvh, points) <= near).reshape(-1, 4).all(axis=1))
     winding = np.empty(len(points))
     fast_winding_numbers(bvh, bvh.moments, points, winding)

@@ -12,10 +12,10 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import (
     MeshBvh,
+    WindingMoments,
     build_mesh_bvh,
     face_normals,
     fast_winding_numbers,
-    mesh_signed_distance,
     winding_numbers,
 )
 from hhsim.mesh import topology
@@ -60,21 +60,6 @@ BESIDE = 1e-5
 SAMPLE_OFFSET = 1e-4
 """Distance of the test points from the surface, as a share of the longest extent."""
 
-ASSUMED_FROM = 1e-3
-"""What lies farther than this share of the longest extent from the triangles of the file is assumed."""
-
-BORDER_SAMPLES, SEED = 60_000, 20180
-"""Number of points that measure what is assumed of a surface, and their seed."""
-
-LEAST_REPORTED = 1e-5
-"""A smaller share of a surface is not told."""
-
-NO_REPAIR = "no safe repair, so mesh it anew in a mesh editor"
-"""End of the refusal of a mesh that is to be a solid, and cannot be made one."""
-
-ASSUMED_SOLID = "the guarantee is of the assumed solid"
-"""Start of the sentence that says how much of the file's surface lies outside of its solid."""
-
 
 @dataclass
 class MeshInRepair:
@@ -104,40 +89,9 @@ class MeshInRepair:
         return f"{1000.0 * self.unit_length * length + 0.0:.3g} mm"
 
 
-def solid_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
-    """Repair a mesh as `closed_surface`; repairs also state how much of the surface is assumed."""
-    surface = closed_surface(vertices, faces, name, unit_length)
-    tell_assumed(surface, vertices, faces)
-    return surface
-
-
-def tell_assumed(surface: MeshInRepair, vertices: FloatArray, faces: IntArray) -> None:
-    """Add to the repairs of a closed surface how much of it is far from the triangles that it was made of.
-
-    So also what of these lies outside of it; points nearer than `BESIDE` of its size are on it.
-    """
-    if not surface.repairs:
-        return
-    source = vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3)
-    closed = surface.vertices, surface.faces
-    share, farthest = _share_beyond(closed, source, ASSUMED_FROM * surface.size, signed=False)
-    if share > LEAST_REPORTED:
-        assumed = f"{100.0 * share:.2g} % of the surface is assumed"
-        surface.repairs.append(f"{assumed}, up to {surface.millimetres(farthest)} from any triangle")
-    share, farthest = _share_beyond(source, closed, BESIDE * surface.size, signed=True)
-    if share > LEAST_REPORTED:
-        outside = f"{100.0 * share:.2g} % of the surface, up to {surface.millimetres(farthest)}, lies outside it"
-        surface.repairs.append(f"{ASSUMED_SOLID}: {outside}")
-
-
-def _share_beyond(
-    one: tuple[FloatArray, IntArray], other: tuple[FloatArray, IntArray], limit: float, *, signed: bool
-) -> tuple[float, float]:
-    """Sampled share of triangles farther than a limit from others, or outside of them, and the largest distance."""
-    point, _, area = topology.face_samples(*one, BORDER_SAMPLES, np.random.default_rng(SEED))
-    distance = mesh_signed_distance(build_mesh_bvh(*other, signed=signed), point)
-    distance = distance if signed else np.abs(distance)
-    return float(area[distance > limit].sum() / area.sum()), float(distance.max(initial=0.0))
+def percent(share: float) -> str:
+    """Return a share as text: two digits, or a whole number from 10 % on."""
+    return f"{100.0 * share:.0f} %" if share >= 0.0995 else f"{100.0 * share:.2g} %"
 
 
 def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length: float = 1.0) -> MeshInRepair:
@@ -147,7 +101,7 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     repair gives the mesh an inside.
     """
     surface = MeshInRepair(vertices, faces, name, unit_length)
-    _merge_and_clean(surface)
+    merge_and_clean(surface)
     _drop_fragments(surface)
     surface.faces, turned, one_sided = topology.alike_wound(surface.faces)
     if one_sided:
@@ -189,7 +143,7 @@ def _turned(count: int) -> str:
     return f"turned {counted(count, 'triangle')} wound against the neighbours"
 
 
-def _merge_and_clean(surface: MeshInRepair) -> None:
+def merge_and_clean(surface: MeshInRepair) -> None:
     """Merge vertices at the same place, drop degenerate and repeated triangles; MeshError if none is left."""
     before = len(surface.vertices)
     surface.vertices, surface.faces = topology.merged_vertices(surface.vertices, surface.faces)
@@ -317,7 +271,7 @@ def _require_closed(surface: MeshInRepair) -> None:
     fanned, open_edges = int(np.count_nonzero(count > 2)), int(np.count_nonzero(count == 1))
     faults = [f"{counted(fanned, 'edge')} shared by more than two triangles"] if fanned else []
     what = " and ".join(faults + ([counted(open_edges, "open edge")] if open_edges else []))
-    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; {NO_REPAIR}")
+    raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
 
 
 def _unfold(surface: MeshInRepair) -> bool:
@@ -335,16 +289,24 @@ def _require_unfolded(surface: MeshInRepair) -> None:
     area = topology.face_areas(surface.vertices, surface.faces)
     if area[folded].sum() > CROSSING_SHARE * area.sum():
         count = counted(int(folded.sum()), "triangle")
-        raise surface.error(f"folded over itself: {count} with no inside behind; {NO_REPAIR}")
+        raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
+
+
+def windings_beside(
+    bvh: MeshBvh, moments: WindingMoments, vertices: FloatArray, faces: IntArray, count: int, seed: int
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray]:
+    """Sample points on faces, as `hhsim.mesh.topology.face_samples`; add the winding numbers in front and behind."""
+    point, face, area = topology.face_samples(vertices, faces, count, np.random.default_rng(seed))
+    away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
+    front, back = np.empty(len(point)), np.empty(len(point))
+    fast_winding_numbers(bvh, moments, point + away, front)
+    fast_winding_numbers(bvh, moments, point - away, back)
+    return point, face, area, front, back
 
 
 def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:
     """Mark the faces, shape (F,), with the inside of a surface behind them and the outside before them, by winding."""
-    point, face, _ = topology.face_samples(vertices, faces, FOLD_SAMPLES, np.random.default_rng(0))
-    away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
-    front, back = np.empty(len(point)), np.empty(len(point))
-    fast_winding_numbers(bvh, bvh.moments, point + away, front)
-    fast_winding_numbers(bvh, bvh.moments, point - away, back)
+    _, face, _, front, back = windings_beside(bvh, bvh.moments, vertices, faces, FOLD_SAMPLES, 0)
     return np.asarray(np.bincount(face, weights=(front > 0.5) | (back < 0.5), minlength=len(faces)) == 0.0)
 
 
@@ -415,7 +377,7 @@ def resolve_overlaps(surface: MeshInRepair) -> None:
         raise surface.error(f"crosses itself: {_crossing(found)}")
     if faulty:
         surface.warnings.append(
-            f"crosses itself at about {100.0 * share:.2g} % of its surface (winding number {low:.2f} to {high:.2f})"
+            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
         )
 
 
@@ -444,7 +406,7 @@ def _join(surface: MeshInRepair) -> tuple[int, int, float, float]:
 def _crossing(found: tuple[int, int, float, float]) -> str:
     faulty, tested, low, high = found
     where = f"at {faulty} of {tested} points beside the surface (from {low:.2f} to {high:.2f})"
-    return f"the winding number is neither 0 nor 1 {where}; {NO_REPAIR}"
+    return f"the winding number is neither 0 nor 1 {where}; no safe repair"
 
 
 def _require_sound_parts(surface: MeshInRepair) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.mesh.repair import ASSUMED_SOLID
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.metrics.run_ticks import RunTicks, result_ticks

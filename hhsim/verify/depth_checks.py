@@ -7,7 +7,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.mesh.repair import ASSUMED_SOLID
+from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged

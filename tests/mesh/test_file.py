@@ -1,7 +1,10 @@
 """Mesh files with bounds; the exact binary PLY: read back bit for bit, and refused when it is another file."""
 
+import bz2
+import gzip
 import json
 import struct
+import tarfile
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -13,7 +16,8 @@ import trimesh
 
 from hhsim.errors import MeshError
 from hhsim.mesh import file as mesh_file
-from hhsim.mesh.file import NO_END, read_mesh, read_own_ply, read_triangles
+from hhsim.mesh.file import read_mesh, read_own_ply, read_triangles
+from hhsim.mesh.polygon_formats import NO_END
 from hhsim.mesh.scene_formats import of_dae
 from hhsim.mesh.topology import face_areas, signed_volume
 from hhsim.system import input_file
@@ -68,6 +72,25 @@ def test_a_scene_whose_nodes_are_no_tree_is_refused(
         MeshError, match=r"cube\.glb: its nodes go in a circle, or one has two parents; expected a tree"
     ):
         read_triangles(path)
+    with zipfile.ZipFile(tmp_path / "cube.zip", "w") as archive:
+        archive.write(path, "cube.glb")
+    with pytest.raises(MeshError, match="its nodes go in a circle"):
+        read_triangles(tmp_path / "cube.zip")
+
+
+@pytest.mark.parametrize("name", ["mesh.zip", "mesh.tar.gz", "mesh.TAR.GZ", "mesh.tar.bz2", "mesh.obj.bz2"])
+def test_a_mesh_is_read_from_every_archive_that_is_listed(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    (tmp_path / "mesh.obj").write_text(OBJ)
+    if name.endswith(".zip"):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.write(tmp_path / "mesh.obj", "mesh.obj")
+    elif "tar" in name.lower():
+        with tarfile.open(path, "w:gz" if name.lower().endswith(".gz") else "w:bz2") as tar:
+            tar.add(tmp_path / "mesh.obj", "mesh.obj")
+    else:
+        path.write_bytes(bz2.compress(OBJ.encode()))
+    assert len(read_triangles(path)[1]) == 1
 
 
 @pytest.mark.parametrize(
@@ -76,7 +99,6 @@ def test_a_scene_whose_nodes_are_no_tree_is_refused(
         ("arm.urdf.xacro", "expand it: xacro FILE > FILE.urdf"),
         ("a.STEP", "a CAD model; export"),
         ("a.fbx", "a 3-D scene; export"),
-        ("a.obj.gz", "an archive; unpack"),
     ],
 )
 def test_a_file_that_is_no_mesh_says_what_makes_one_of_it(name: str, said: str, tmp_path: Path) -> None:
@@ -260,15 +282,35 @@ property list uchar int vertex_indices
 end_header"""
 
 
-def test_a_small_archive_of_much_is_refused_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A 3MF of 160 MB in 312 kB would be, as is one of 917 kB where an archive may hold a tenth of a MiB."""
+@pytest.mark.parametrize("kind", ["zip", "bz2", "tar.gz"])
+def test_a_small_archive_of_much_is_refused_before_it_is_read(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An OBJ of 160 MB in 312 kB would be, as is one of 917 kB where an archive may hold a tenth of a MiB."""
     assert most_unpacked(312_000) // mesh_file.MEMORY_OF_A_BYTE < 160_000_000
     monkeypatch.setattr(input_file, "ALWAYS", 1 << 20)
-    with zipfile.ZipFile(tmp_path / "mesh.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("3D/3dmodel.model", b"v 0.0 0.0 0.0\n" * (1 << 16))
+    path, text = tmp_path / f"mesh.{kind}", b"v 0.0 0.0 0.0\n" * (1 << 16)
+    if kind == "zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("mesh.obj", text)
+    else:
+        path.write_bytes(bz2.compress(text) if kind == "bz2" else gzip.compress(text))
     monkeypatch.setattr(mesh_file, "read_in_child", lambda *_: pytest.fail("it is read"))
-    with pytest.raises(MeshError, match=r"[\d,]+ bytes in an archive of [\d,]+; expected a mesh"):
-        read_triangles(tmp_path / "mesh.3mf")
+    with pytest.raises(MeshError, match=r"[\d,]+ bytes or more in an archive of [\d,]+; expected a mesh"):
+        read_triangles(path)
+
+
+def test_an_archive_is_read_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "mesh.zip"
+    for other, whole in (("__MACOSX/._b.stl", True), ("readme.txt", True), ("b.glb", False)):
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.writestr("a.obj", OBJ)
+            archive.writestr(other, b"\0\1noise" * 30)
+        if whole:
+            assert len(read_triangles(path)[1]) == 1
+        else:
+            with pytest.raises(MeshError, match=r"cannot be read as \.zip"):
+                read_triangles(path)
 
 
 def test_a_reader_that_never_ends_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
