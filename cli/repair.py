@@ -95,7 +95,8 @@ def command(
     end_on_sigterm()
     if limits.follow:
         return _follow(recording, thing, limits, reading, out)
-    from hhsim.repair.repair import repair_recording
+    from hhsim.hand.model import SIDES
+    from hhsim.repair.repair import repair_both_hands, repair_recording
     from hhsim.repair.request import RepairRequest
     from hhsim.sweep.repair_manifest import is_manifest
 
@@ -129,12 +130,11 @@ def command(
     with progress(quiet=printing.quiet) as report:
         if limits.hands == "one":
             outcomes = [repair_recording(request, command=typed, progress=report)]
-            document, last = outcomes[0].to_json(), ""
+            document = outcomes[0].to_json()
         else:
-            from hhsim.repair.repair import repair_both_hands
-
-            both = repair_both_hands(request, command=typed, progress=report)
-            outcomes, document, last = list(both.hands), both.to_json(), both.text
+            outcomes = repair_both_hands(request, command=typed, progress=report)
+            of_each = {side: outcome.to_json() for side, outcome in zip(SIDES, outcomes)}
+            document = {"recording": str(out), "hands": of_each}
     for outcome in outcomes if printing.for_people else ():
         print_notes(outcome.findings)
         if outcome.table is not None:
@@ -145,7 +145,7 @@ def command(
             said = "marked, without a repair or beyond the limit"
             print_line(f"{said}: {len(outcome.marked)} of {outcome.frames}: {listed}")
         print_line(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
-    printing.show(document, *([last] if last else []))
+    printing.show(document)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 

@@ -123,10 +123,7 @@ def _repair(both: bool) -> Check:
     ("check", "beside"),
     [
         *((_repair(both=False), f"free{name}") for name in (".npz", f"-{RESULT}", f"-{REPORT}", f"-{PICTURE}")),
-        *(
-            (_repair(both=True), f"free{name}")
-            for name in (".npz", f"-{RESULT}", f"-right-{REPORT}", f"-left-{RESULT}")
-        ),
+        *((_repair(both=True), f"free{name}") for name in (".npz", f"-right-{REPORT}", f"-left-{RESULT}")),
         (lambda _: check_table_path(Path("table.json")), "table.csv"),
         (lambda _: write_report(Report("", "", {"hand": b""}, (), ()), Path("page.html")), "page-hand.png"),
         (check_picture, "picture.png"),
