@@ -599,7 +599,6 @@ def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_p
     assert "different inputs: object mesh" in answer.err
     assert run("gate", str(result), "--base-python", "python").code == 2
     assert run("gate", str(result.with_name("none.h5"))).code == 2
-    assert run("gate", "--step-summary").code == 2
 
 
 def test_the_command_prints_what_is_the_same_in_one_line(run: Run, stored: Path, result: Path) -> None:
@@ -624,15 +623,12 @@ def test_a_scene_that_cannot_be_run_is_refused_in_every_report(
         return figures
 
     monkeypatch.setattr("hhsim.gate.gate.measured", measured)
-    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
     suite = tmp_path / "own.toml"
     suite.write_text(SUITE + '[[scene]]\nname = "gone"\nobject = "cub"\ntrajectory = "pinch"\n')
-    reports = ("--markdown", "gate.md", "--step-summary")
-    answer = run("gate", "own.toml", "--no-time", *reports, "--write-baseline", "baseline.json")
+    answer = run("gate", "own.toml", "--no-time", "--markdown", "gate.md", "--write-baseline", "baseline.json")
     assert (answer.code, (answer.err + answer.out).count("unknown object 'cub'")) == (2, 1)
     assert "hhsim: error: gone: unknown object 'cub'" in answer.err and not (tmp_path / "baseline.json").exists()
-    for name in ("gate.md", "summary.md"):
-        assert (tmp_path / name).read_text().startswith("## ❌ hhsim gate\n\nrefused: 1 cannot be run")
+    assert (tmp_path / "gate.md").read_text().startswith("## ❌ hhsim gate\n\nrefused: 1 cannot be run")
     document = json.loads(run("gate", "own.toml", "--no-time", "--json").out)
     assert (document["exit_code"], document["error"]) == (2, "gone: unknown object 'cub'")
 
