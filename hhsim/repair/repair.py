@@ -38,15 +38,14 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.offline import repair_frames
 from hhsim.repair.page import repair_page
-from hhsim.repair.projection import correct
+from hhsim.repair.projection import GivenObject, correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin import Skin, mano_skin, moved_skin, read_skin
 from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
-from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_beside
+from hhsim.repair.tracks import LINEARISATIONS, put_at, repair_frames, solver_beside
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
 from hhsim.result.writer import add_skin

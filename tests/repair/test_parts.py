@@ -28,13 +28,12 @@ from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.projection import correct
+from hhsim.repair.projection import HandJudge, correct
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
-from hhsim.repair.tracks import HandJudge
+from hhsim.repair.tracks import repair_frames
 from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_object

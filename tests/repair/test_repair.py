@@ -22,10 +22,10 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.repair.follow import FollowedFrame
-from hhsim.repair.offline import repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
+from hhsim.repair.tracks import repair_frames
 from hhsim.result.reader import load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
