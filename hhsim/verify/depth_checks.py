@@ -8,8 +8,8 @@ from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, difference, judged
-from hhsim.verify.contacts import PALM, meetings, parts_that_may_meet, round_cones
-from hhsim.verify.mesh_distance import CLOSE, HandReferee
+from hhsim.verify.contacts import PALM, meetings, own_cones, parts_that_may_meet
+from hhsim.verify.mesh_distance import CLOSE, TrueSurface
 from hhsim.verify.tick_data import LENGTH, NO_PLACE, WHY_LENGTH, JudgedTicks, left_out
 
 NEVER_IN = 1e-12
@@ -69,12 +69,12 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
     name, says = "mesh", "the graphic hand stays out of the true mesh"
     why = "rounding, and the nanometre that the cover lets pass"
     try:
-        referees = [HandReferee(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
+        surfaces = [TrueSurface(body.mesh, open_too=judge.on_mesh) for body in judge.bodies]
     except MeshError as error:
         return Claim(name, says, NOT_JUDGED, unit="m", why=why, note=str(error)), float("nan")
     least, checked, asked = np.full(len(judge.numbers), np.inf), 0, judge.asked
     used = np.append(np.repeat(judge.fingers, 3), np.ones(len(judge.hand.palm_radius), bool))
-    for body, referee in zip(judge.bodies, referees):
+    for body, surface in zip(judge.bodies, surfaces):
         # Equal postures are measured once; a posture that is not finite fails other claims.
         rounded = np.round(body.seen_points(judge.posed.joints[asked], asked).reshape(len(asked), -1), 10)
         different = np.sort(np.unique(rounded, axis=0, return_index=True)[1])
@@ -82,10 +82,7 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
         for begin in range(0, len(different), MESH_TICKS):
             report("mesh", begin, len(different))
             rows = different[begin : begin + MESH_TICKS]
-            cones = round_cones(judge.hand, body.seen(judge.posed, rows))
-            first_radius, last_radius = np.tile(cones.radius_a, len(rows)), np.tile(cones.radius_b, len(rows))
-            ends = cones.a.reshape(-1, 3), cones.b.reshape(-1, 3)
-            away = referee.round_cones(*ends, first_radius, last_radius, MESH_LIMIT)
+            away = surface.round_cones(own_cones(judge.hand, body.seen(judge.posed, rows)), MESH_LIMIT)
             least[rows] = np.minimum(least[rows], away.reshape(len(rows), -1)[:, used].min(axis=1))
         checked = max(checked, len(different))
     least[judge.squeezed] = np.inf

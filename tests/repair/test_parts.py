@@ -43,7 +43,7 @@ from hhsim.scene.scene import Scene, tree_maker
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.mesh_distance import TrueSurface
 
 HANDS = HAND, HandModel.default("left")
 TICKS = np.array([*range(0, 450, 50), 900, 1300, 1600, 1800, 1900, 2000, 2100, 2200, 2300])
@@ -108,7 +108,7 @@ def clearances(hand: HandModel, placed: PlacedHand, angle: FloatArray) -> FloatA
     lid = RigidMotion(turn, turned + HINGE + [0.0, 0.0, -0.007])
     sizes = (0.3, 0.21, 0.014), (0.3, 0.21, 0.006)
     found = [
-        HandReferee(box_mesh(size), open_too=True).clearances(hand_shape(hand), moved.seen_hand(placed), np.inf)
+        TrueSurface(box_mesh(size), open_too=True).clearances(hand_shape(hand), moved.seen_hand(placed), np.inf)
         for size, moved in zip(sizes, (still, lid))
     ]
     return np.asarray(np.array(found).min(axis=2))

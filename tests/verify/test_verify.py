@@ -27,7 +27,7 @@ from hhsim.system.progress import silent
 from hhsim.verify import file_checks
 from hhsim.verify import verify as referee
 from hhsim.verify.claim import FAILS, HOLDS, NOT_CLAIMED, NOT_JUDGED, Claim, judged
-from hhsim.verify.contacts import axis_places
+from hhsim.verify.contacts import RoundCones
 from hhsim.verify.kinematics import own_hand, pose
 from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.verify import chosen_ticks, physics, verify
@@ -242,7 +242,7 @@ def test_no_place_on_the_axis_is_nearer(seed: int, length: float, first: float, 
     axis, count = length * way / np.linalg.norm(way), 20
     points = a + rng.normal(size=(count, 3)) * rng.uniform(0.01, 1.0)
     ends = np.tile(a, (count, 1)), np.tile(a + axis, (count, 1))
-    place, radius = axis_places(*ends, np.full(count, first), np.full(count, last), points)
+    place, radius = RoundCones(*ends, np.full(count, first), np.full(count, last)).nearest_balls(points)
     share = np.linspace(0.0, 1.0, 1001)
     balls = np.linalg.norm(a + share[:, None] * axis - points[:, None], axis=2) - (first + share * (last - first))
     found = np.linalg.norm(place - points, axis=1) - radius
