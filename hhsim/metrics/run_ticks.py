@@ -17,10 +17,9 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
-from hhsim.metrics.mesh_penetration import TouchedObject
+from hhsim.metrics.input_hand import InputHand
 from hhsim.metrics.metrics import posture_jump
-from hhsim.metrics.moving_parts import TouchedParts, result_parts
+from hhsim.metrics.moving_parts import TouchedObject, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
 from hhsim.result.body import ON_TABLE
 from hhsim.result.reader import Result
@@ -192,10 +191,7 @@ class RunTicks:
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
         touching, touched = np.asarray(self.columns[TOUCHING] > 0), self.touched
         near = self.contact | self.touch | (self.self_contact & (self.self_clearance("graphic") <= touched.touch))
-        if isinstance(touched, TouchedParts):
-            return touched.input_hand(self.hand, haptic, shown, touching, near)
-        depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
-        return input_hand(self.hand, depths, haptic, shown, touching, near)
+        return touched.input_hand(self.hand, haptic, shown, touching, near)
 
     @cached_property
     def jumps(self) -> FloatArray:
@@ -217,8 +213,9 @@ class RunTicks:
             moved, seen = self.free.moved, shown[:-1]
             shown, user = moved.points(shown), moved.points(user)
             pushed = np.linalg.norm(moved.at(slice(1, None)).points(seen) - shown[:-1], axis=-1).max(axis=(1, 2))
-        if isinstance(self.touched, TouchedParts) and not self.touched.parts.free:
-            both &= ~np.diff(self.touched.parts.path, axis=0).any(axis=(1, 2))
+        parts = None if self.touched is None else self.touched.parts
+        if parts is not None and not parts.free:
+            both &= ~np.diff(parts.path, axis=0).any(axis=(1, 2))
         if self.breaks is not None:
             both &= ~self.breaks[1:]
         jump = posture_jump(user.reshape(-1, 20, 3), shown.reshape(-1, 20, 3))[1:]
@@ -247,11 +244,11 @@ def touched_object(result: Result) -> TouchedObject:
     static, parts, first = result.static, result_parts(result), result.body
     mesh = Mesh(first.vertices, first.faces)
     tree = sphere_tree_of(first.static, "tree")
-    surface = (contact_surface(result.surface, mesh, tree) if parts is None else parts.surface(result.surface)).arrays
+    surface = contact_surface(result.surface, mesh, tree).arrays if parts is None else None
     shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))
     fingers = np.array([finger in result.fingers for finger in FINGERS])
-    touched = mesh, surface, shape, fingers, float(result.scene["solver"]["touch"])
-    return TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, result.surface)
+    touch = float(result.scene["solver"]["touch"])
+    return TouchedObject(mesh, surface, shape, fingers, touch, parts, result.surface)
 
 
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
