@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim import __version__
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
@@ -38,7 +39,6 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.page import repair_page
 from hhsim.repair.projection import GivenObject, correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
@@ -57,9 +57,11 @@ from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
+from hhsim.system.counted import counted
 from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
+from hhsim.table.html import render
 from hhsim.trees.contact_surface import contact_surface, encloses
 from hhsim.trees.triangle_tree import triangle_tree
 
@@ -71,6 +73,8 @@ TREE_LEVEL = 2
 """Level of the tree of an object's triangles in the result."""
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
+MOST_LISTED = 20
+"""Number of marked frames that the page lists by their numbers."""
 ROUNDING = 2e-6
 """Distance of written joints from corrected ones that numbers of a file make [m]."""
 
@@ -166,8 +170,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if request.pictures:
         progress("picture", 0, 1)
         _draw(recorded, seen.posture, before, after, paths["picture"])
-        page = repair_page(outcome, before, after, paths["picture"].read_bytes())
-        write_atomically(paths["report"], page.encode())
+        write_atomically(paths["report"], _page(outcome, paths["picture"].read_bytes()).encode())
     return outcome
 
 
@@ -335,6 +338,23 @@ def _draw(
     # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
     depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
     draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers, depth)
+
+
+def _page(outcome: RepairOutcome, worst: bytes) -> str:
+    """Return the page of a repair: verdict, figures before and after, and `worst`, a PNG of its deepest frames."""
+    table = outcome.table
+    assert table is not None
+    marked = f"Each of {counted(outcome.frames, 'frame')} has a repair within the limit."
+    if outcome.marked:
+        listed = ", ".join(map(str, outcome.marked[:MOST_LISTED]))
+        listed += ", …" if len(outcome.marked) > MOST_LISTED else ""
+        share = f"{len(outcome.marked)} of {counted(outcome.frames, 'frame')}"
+        marked = (
+            f"Marked are {share}, in which a joint moves by more than the limit or no free hand was found: {listed}."
+        )
+    stated = {"verdict": outcome.verdict, "missed": not outcome.ok, "marked": marked, "findings": outcome.findings}
+    made_by = {"generator": METHOD, "version": __version__}
+    return render("repair/repair.html", title=table.title, figures=table, worst=worst, **stated, **made_by)
 
 
 def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
