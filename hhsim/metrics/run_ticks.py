@@ -160,7 +160,8 @@ class RunTicks:
     @cached_property
     def holds(self) -> list[slice]:
         """Ticks of each hold."""
-        return hold_slices(self.phases, self.ticks)
+        held = [phase for phase in self.phases if phase.name == HOLD and phase.first_tick < self.ticks]
+        return [slice(phase.first_tick, min(phase.last_tick + 1, self.ticks)) for phase in held]
 
     @cached_property
     def hold(self) -> BoolArray:
@@ -253,26 +254,27 @@ def touched_object(result: Result) -> TouchedObject:
 
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result without its object: figures of contacts and of the user's hand are NaN."""
-    static = result.static
+    static, breaks = result.static, None
+    if result.live is not None:
+        # Where the recorder lost ticks.
+        breaks = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64), prepend=0) != 1
+        breaks[:1] = False
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
+    # A model without trees tests a hand's body with all leaf spheres: of a free body with its own.
+    objects = [result.body] if result.body.is_free else result.bodies.values()
     return RunTicks(
         columns=result.seen_from_object if columns is None else columns,
         ticks=result.ticks,
         phases=result.phases,
         rate=result.rate,
         fingers=len(result.fingers),
-        all_pairs=bodies * leaves_in_reach(result),
-        breaks=_breaks(result),
+        all_pairs=bodies * sum(body.leaves for body in objects),
+        breaks=breaks,
         hand=_hand(result),
         free=result_free_run(result),
         modelled=tuple(result.fingers),
         self_contact=bool(result.scene["solver"].get("self_contact", False)),
     )
-
-
-def leaves_in_reach(result: Result) -> int:
-    """Number of leaf spheres that a model without trees tests a hand's body with: of a free body its own."""
-    return result.body.leaves if result.body.is_free else sum(body.leaves for body in result.bodies.values())
 
 
 def _hand(result: Result) -> HandModel | None:
@@ -281,18 +283,3 @@ def _hand(result: Result) -> HandModel | None:
         return result_hand(result)
     except (HhsimError, KeyError):
         return None
-
-
-def _breaks(result: Result) -> BoolArray | None:
-    """Ticks of a session before which the recorder lost others; None for a replay."""
-    if result.live is None:
-        return None
-    breaks = np.zeros(result.ticks, bool)
-    breaks[1:] = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64)) != 1
-    return breaks
-
-
-def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:
-    """Ticks of each hold."""
-    held = [phase for phase in phases if phase.name == HOLD and phase.first_tick < ticks]
-    return [slice(phase.first_tick, min(phase.last_tick + 1, ticks)) for phase in held]
