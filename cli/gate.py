@@ -1,6 +1,5 @@
 """`hhsim gate`."""
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,8 +17,6 @@ from .console import print_notes, progress
 if TYPE_CHECKING:
     from hhsim.gate.gate import Baseline, GateReport
     from hhsim.result.reader import Result
-
-STEP_SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
 class Comparison(OptionGroup):
@@ -48,7 +45,6 @@ class GateOutput(Printing):
     """Files for CI systems, and amount of output."""
 
     markdown: OutPath | None = option("Write a summary in Markdown.", "FILE")
-    step_summary: bool = option(f"Append the summary to the file that ${STEP_SUMMARY} names.")
     whole: bool = option("Print every figure; without it what changed or was missed.", None, "--all")
 
 
@@ -69,7 +65,7 @@ def command(
     \b
     Examples:
       hhsim gate
-      hhsim gate --base-python ../base/.venv/bin/python --step-summary
+      hhsim gate --base-python ../base/.venv/bin/python
       hhsim gate my-gate.toml --write-baseline gate-baseline.json
       hhsim gate my-gate.toml --baseline gate-baseline.json --markdown gate.md
       hhsim gate --base-folder ../base
@@ -78,13 +74,8 @@ def command(
     """
     from hhsim.gate.gate import FORMAT, GateReport
     from hhsim.gate.verdict import failed_run
-    from hhsim.system.output_path import check_output_path, holds, require_apart
+    from hhsim.system.output_path import check_output_path, holds
 
-    summary = os.environ.get(STEP_SUMMARY) if output.step_summary else None
-    if output.step_summary and not summary:
-        raise InputError(f"--step-summary: ${STEP_SUMMARY} is not set; outside of GitHub Actions, use --markdown FILE")
-    files = output.markdown, Path(summary) if summary else None
-    require_apart(Path(summary or ""))
     for path, kind, words in (
         (comparison.write_baseline, "baseline", FORMAT.encode()),
         (output.markdown, "summary of hhsim gate", b" hhsim gate\n\n"),
@@ -105,9 +96,9 @@ def command(
         report = judge()
     except HhsimError as error:
         source = "hhsim gate" if target is None else str(target)
-        _write(GateReport(source, "", (failed_run(source, str(error), refused=True),)), *files)
+        _write(GateReport(source, "", (failed_run(source, str(error), refused=True),)), output.markdown)
         raise
-    _write(report, *files)
+    _write(report, output.markdown)
     written = comparison.write_baseline
     if written is not None and report.recorded:
         from hhsim.gate.gate import write_baseline
@@ -168,18 +159,14 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
         return gate_suite(suite, head, base=base, baseline=baseline, timed=comparison.time, progress=report)
 
 
-def _write(report: "GateReport", markdown: Path | None, summary: Path | None) -> None:
+def _write(report: "GateReport", path: Path | None) -> None:
     """Write what CI systems read."""
-    from hhsim.gate.report import markdown as as_markdown
+    from hhsim.gate.report import markdown
     from hhsim.system.atomic_write import write_atomically
 
-    # The name of a file may be no UTF-8.
-    text = as_markdown(report).encode(errors="replace")
-    if markdown is not None:
-        write_atomically(markdown, text)
-    if summary is not None:
-        with summary.open("ab") as file:
-            file.write(text)
+    if path is not None:
+        # The name of a file may be no UTF-8.
+        write_atomically(path, markdown(report).encode(errors="replace"))
 
 
 def _print(report: "GateReport", written: Path | None, output: GateOutput) -> None:

@@ -92,7 +92,8 @@ def command(
     end_on_sigterm()
     if limits.follow:
         return _follow(recording, thing, limits, reading, out)
-    from hhsim.repair.repair import repair_recording
+    from hhsim.hand.model import SIDES
+    from hhsim.repair.repair import repair_both_hands, repair_recording
     from hhsim.repair.request import RepairRequest
 
     is_many = recording.suffix.lower() == ".toml"
@@ -124,12 +125,11 @@ def command(
     with progress(quiet=printing.quiet) as report:
         if limits.hands == "one":
             outcomes = [repair_recording(request, command=typed, progress=report)]
-            document, last = outcomes[0].to_json(), ""
+            document = outcomes[0].to_json()
         else:
-            from hhsim.repair.repair import repair_both_hands
-
-            both = repair_both_hands(request, command=typed, progress=report)
-            outcomes, document, last = list(both.hands), both.to_json(), both.text
+            outcomes = repair_both_hands(request, command=typed, progress=report)
+            of_each = {side: outcome.to_json() for side, outcome in zip(SIDES, outcomes)}
+            document = {"recording": str(out), "hands": of_each}
     parts: list[Part] = []
     for outcome in outcomes:
         if printing.for_people:
@@ -140,7 +140,7 @@ def command(
             said = "marked, without a repair or beyond the limit"
             parts.append(f"{said}: {len(outcome.marked)} of {outcome.frames}: {listed}")
         parts.append(f"written to {', '.join(str(path) for path in outcome.paths.values())}")
-    printing.show(document, *parts, *([last] if last else []))
+    printing.show(document, *parts)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
 

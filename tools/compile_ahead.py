@@ -58,8 +58,7 @@ def compile_measures() -> None:
     from hhsim.hand.self_pairs import self_pairs
     from hhsim.kernels.rotation import rotate_quaternion
     from hhsim.mesh.catalogue import load_object
-    from hhsim.metrics.input_hand import input_hand, object_depths
-    from hhsim.metrics.mesh_penetration import TouchedObject
+    from hhsim.metrics.moving_parts import TouchedObject
     from hhsim.motion.analytic_motion import still
     from hhsim.reproducible import arc_tangent
     from hhsim.solver.options import SolverOptions
@@ -72,11 +71,12 @@ def compile_measures() -> None:
     shape, fingers, touching = hand_shape(hand), np.ones(5, np.bool_), np.ones(1, np.bool_)
     motion = still(mesh.vertices[0])
     placed = forward_kinematics(hand, *motion)
-    TouchedObject(mesh, surface, shape, fingers, SolverOptions().touch).contact_error(placed, touching)
+    touched = TouchedObject(mesh, surface, shape, fingers, SolverOptions().touch)
+    touched.contact_error(placed, touching)
     self_pairs(hand)
     arc_tangent(0.0, 1.0)
     rotate_quaternion(np.array([1.0, 0.0, 0.0, 0.0]), 0.1, 0.0, 0.0, np.empty(4))
-    input_hand(hand, object_depths(surface, mesh, shape, fingers), motion, placed, touching, touching)
+    touched.input_hand(hand, motion, placed, touching, touching)
 
 
 def find_data() -> None:

@@ -40,7 +40,7 @@ from hhsim.system.settings_file import Count, Names
 from hhsim.table.file import ALL, rows_of
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.mesh_distance import TrueSurface
 
 NEAR = 1e-3
 """Largest distance of the haptic hand from the mesh in a tick in contact [m]."""
@@ -66,7 +66,7 @@ class Stage:
     ticks: TickInput  # of the haptic hand, in the frame of the mesh
     surface: Any  # triangles of the mesh
     contact: BoolArray  # ticks with the haptic hand within `NEAR` of the mesh or inside, shape (T,)
-    referee: HandReferee
+    referee: TrueSurface
 
     def scene(self, tree: SphereTree) -> Scene:
         """Return the scene with the object's spheres."""
@@ -172,7 +172,7 @@ class TradeOff(Suite):
         count = len(self.objects) * len(self.motions)
         for i, name in enumerate(self.objects):
             mesh = load_object(name).mesh
-            spheres, referee = tree(mesh), HandReferee(mesh, open_too=True)
+            spheres, referee = tree(mesh), TrueSurface(mesh, open_too=True)
             surface = contact_surface("mesh", mesh, spheres).arrays
             for j, motion in enumerate(self.motions):
                 progress("scenes", i * len(self.motions) + j, count)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
-import numpy as np
 from msgspec import structs
 
 from hhsim import __version__
@@ -23,7 +22,7 @@ from hhsim.gate.metrics import COUNTERS, SESSION_DEFAULTS, RunFigures, compared_
 from hhsim.gate.run import RunFailed, Side, Step, measured, process_times
 from hhsim.gate.suite import REPLAY, SESSION, SUBMISSION, GateScene, GateSuite, default_suite, usual_limits
 from hhsim.gate.verdict import GateRow, inputs_row
-from hhsim.replay.run_inputs import RunInputs, differences, kept_ticks
+from hhsim.replay.run_inputs import RunInputs, differences
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.system.atomic_write import write_atomically
@@ -37,8 +36,6 @@ FORMAT = "hhsim-gate-baseline"
 BASELINE_VERSION = 1
 DIGITS = 15
 """Significant digits of sums in the file; the tolerance of a comparison is far above."""
-PLACES = 9
-"""Decimal places of the kept poses [m] and forces [N]."""
 
 
 class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True):
@@ -46,8 +43,6 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
 
     inputs: RunInputs
     digest: str = ""  # of poses and forces
-    # Poses and forces at the ticks of `hhsim.replay.run_inputs.kept_ticks`.
-    shown: dict[str, list[list[float]]] = msgspec.field(default_factory=dict)
     errors: dict[str, float | None]  # figures that the gate judges; None where undefined
     counters: dict[str, int]
 
@@ -55,8 +50,7 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
     def of(cls, figures: RunFigures) -> "RecordedScene":
         """Return the scene of a run."""
         errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
-        few = {name: values[kept_ticks(len(values))].round(PLACES).tolist() for name, values in figures.shown.items()}
-        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters, shown=few)
+        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters)
 
     @property
     def figures(self) -> RunFigures:
@@ -64,8 +58,7 @@ class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=F
         found = {name: self.errors.get(name) for name in compared_metrics()}
         errors = {name: math.nan if value is None else value for name, value in found.items()}
         counters = {name: self.counters[name] for name in COUNTERS if name in self.counters}
-        shown = {name: np.array(values) for name, values in self.shown.items()}
-        return RunFigures(self.inputs, errors, counters, digest=self.digest, shown=shown)
+        return RunFigures(self.inputs, errors, counters, digest=self.digest)
 
 
 class Baseline(Settings, frozen=True, forbid_unknown_fields=False):

@@ -20,7 +20,7 @@ from hhsim.metrics.run.ticks import is_mostly_stuck
 from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, RunTicks, result_ticks, touched_object
 from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
-from hhsim.replay.run_inputs import RunInputs, ShownPoses, run_inputs, shown_poses, tick_digest
+from hhsim.replay.run_inputs import RunInputs, run_inputs, tick_digest
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
 from hhsim.result.schema import CONTACT_COLUMNS, TICK_COLUMNS
@@ -103,13 +103,12 @@ class RunFigures:
     promises: frozenset[str] = frozenset()  # promises of its method, of `hhsim.solver.method.PROMISES`
     suspicions: tuple[str, ...] = ()  # probable mistakes of a submission, a line each
     digest: str = ""  # of poses and forces, `hhsim.replay.run_inputs.tick_digest`; "" where a baseline has none
-    shown: ShownPoses = field(default_factory=dict)  # poses and forces of all ticks, or those that a baseline keeps
     unsound: str = ""  # datasets that hold what is no number, in words; "" for none
 
 
 def run_figures(result: Result) -> RunFigures:
     """Compute a result's figures from its ticks; InputError for an invalid tree, or a dataset not in its schema."""
-    inputs, digest, shown = run_inputs(result), tick_digest(result), shown_poses(result)
+    inputs, digest = run_inputs(result), tick_digest(result)
     unsound, result = _not_finite(result), result.seen_from_object
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = _known_columns(result)
@@ -132,7 +131,7 @@ def run_figures(result: Result) -> RunFigures:
     stuck = is_mostly_stuck(errors.get("stuck_ticks", 0.0), result.ticks)
     suspicions = tuple(map(str, result.scene.get("submission", {}).get("suspicions", ())))
     of_run = inputs, errors, counters, others, stuck, stored_promises(result.scene), suspicions
-    return RunFigures(*of_run, digest=digest, shown=shown, unsound=unsound)
+    return RunFigures(*of_run, digest=digest, unsound=unsound)
 
 
 def _known_columns(result: Result) -> set[str]:

@@ -11,7 +11,7 @@ from hhsim.errors import InputError
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, limitable
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run_metric import Figure, Judged
-from hhsim.replay.run_inputs import differences, new_options, told_difference
+from hhsim.replay.run_inputs import differences, new_options
 from hhsim.replay.summary_table import promised
 from hhsim.table.verdict import BETTER, NOT_COMPARABLE, SAME, WITHIN, WORSE, word_of
 from hhsim.table.verdict import verdict as missed_limits
@@ -86,9 +86,8 @@ def judge_run(
             apart = ", ".join(new_options(base.inputs, head.inputs))
             rows.append(inputs_row(scene, f"options that only one side has: {apart}" if apart else "", SAME))
     if base is not None and base.digest:
-        told, rounding = ("", False) if head.digest == base.digest else told_difference(head.shown, base.shown)
-        word, reason = (WITHIN if rounding else CHANGED, f"other than the base's: {told}") if told else (SAME, "")
-        rows.append(GateRow(scene, "bits", "digest", "poses and forces", verdict=word, reason=reason))
+        word = SAME if head.digest == base.digest else CHANGED
+        rows.append(GateRow(scene, "bits", "digest", "poses and forces", verdict=word))
     return [*rows, *judge_figures(scene, head, base, limits, slack)]
 
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
@@ -116,25 +116,18 @@ def object_depths(surface: Any, mesh: Mesh, shape: HandShape, fingers: BoolArray
 
 
 def deepest(depths: Depths, palm_center: FloatArray, placed: PlacedHand, known: float = 0.0) -> float:
-    """Depth of the deepest of some hands [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
+    """Depth of the deepest of T hands [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
 
     The palm's spheres have centres [m], palm frame, of shape (P, 3); the hands are in the order of time, and finite.
+    No finger or palm is deeper than at another tick by more than its surface moves between them, so most ticks are
+    skipped.
     """
     if len(placed.joints) == 0:
         return known
-    return search_deepest(_moved(palm_center, placed), lambda ticks: depths(placed.at(ticks)), known)
-
-
-def search_deepest(moved: FloatArray, depths_at: Callable[[IntArray], FloatArray], known: float = 0.0) -> float:
-    """Largest depth of some bodies over T ticks [m], to `SAME_DEPTH`; `known`, found elsewhere, where none is deeper.
-
-    No body is deeper than at another tick by more than its surface moves between them, so most ticks are skipped:
-    `moved` bounds that travel to the next tick [m], shape (T - 1, B). `depths_at` returns the depths of the bodies [m],
-    shape (n, B), at ticks (n,).
-    """
+    moved = _moved(palm_center, placed)
     travel = np.concatenate([np.zeros((1, moved.shape[1])), np.cumsum(moved, axis=0)])
     looked = np.unique(np.append(np.arange(0, len(travel), FIRST_LOOKS), len(travel) - 1))
-    depth = depths_at(looked)
+    depth = depths(placed.at(looked))
     best = max(known, float(depth.max()))
     while True:
         # Upper bound in between: the depths at both ends, and the travel from them.
@@ -143,7 +136,7 @@ def search_deepest(moved: FloatArray, depths_at: Callable[[IntArray], FloatArray
         if open_.size == 0:
             return best
         more = (looked[open_] + looked[open_ + 1]) // 2
-        found = depths_at(more)
+        found = depths(placed.at(more))
         best = max(best, float(found.max()))
         looked, depth = np.insert(looked, open_ + 1, more), np.insert(depth, open_ + 1, found, axis=0)
 

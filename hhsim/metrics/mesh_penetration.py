@@ -4,7 +4,6 @@ Spheres that reach out of the mesh hold the hand off.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,9 +16,7 @@ from hhsim.kernels.contact.mesh_distance import hand_mesh_distances
 from hhsim.kernels.contact.surface import ContactPoints
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.kernels.jit import as_argument
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
-from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import Penetration, penetration
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.system.thread_pool import Workers, ranges, usual_threads
 
 RESOLUTION = 1e-4
@@ -96,39 +93,3 @@ def sampled(ticks: IntArray, count: int, also: Sequence[int] = ()) -> IntArray:
 def ticks_looked_at(contact: BoolArray) -> IntArray:
     """Examined ticks, ascending: all in contact (mask (T,)), or `MOST_TICKS` of them, spread evenly."""
     return sampled(np.flatnonzero(contact), MOST_TICKS)
-
-
-@dataclass(frozen=True, eq=False)
-class TouchedObject:
-    """Object on which contacts are looked for, and its mesh."""
-
-    mesh: Mesh  # True surface [m], world
-    surface: Any  # surface of the solver, world, such as the leaf spheres
-    shape: HandShape  # sizes of the hand
-    fingers: BoolArray  # True for modelled fingers, shape (5,)
-    touch: float  # largest distance of a touching pair [m]
-
-    def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
-        """Depths of the hand at some ticks in the surface, as `hhsim.metrics.metrics.penetration`."""
-        return penetration(self.surface, self.shape, placed, self.fingers)
-
-    def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
-        """Largest distance of a contact point of each tick from the mesh [m], shape (T,).
-
-        NaN without contact and in ticks that are not examined. A contact point is the point of a hand body nearest to a
-        touched piece of the surface. `placed` is the shown hand [m], world; `contact` has the ticks where something may
-        touch, shape (T,).
-        """
-        error = np.full(len(contact), np.nan)
-        chosen = ticks_looked_at(contact)
-        if chosen.size == 0:
-            return error
-        found = find_contact_points(self.surface, self.shape, placed, self.touch, chosen=chosen, fingers=self.fingers)
-        if len(found.tick) == 0:
-            return error
-        # A hand at rest touches at the same points over and over.
-        points, place = np.unique(np.round(found.point, 12), axis=0, return_inverse=True)
-        bvh = build_mesh_bvh(self.mesh.vertices, self.mesh.faces, signed=False)
-        error[found.tick] = 0.0
-        np.maximum.at(error, found.tick, contact_error(bvh, points)[place.ravel()])
-        return error

@@ -27,8 +27,6 @@ ENERGY_FLOOR = 1e-9
 """Smallest coupling energy with a meaningful excess [J]."""
 RIPPLE_BAND = (50.0, 400.0)
 """Band above voluntary motion and tremor, up to where the skin still feels vibration [Hz]."""
-RIPPLE_SPAN = 0.25
-"""Length of the spans of `worst_force_ripple` [s]."""
 RIPPLE_BINS = 4
 """Bins of the spectrum below the band that a ripple needs; a Hann window smears over two."""
 FROZEN_LIMIT = 1e-6
@@ -148,23 +146,6 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     # Every frequency but 0 and rate/2 stands for its negative twin too.
     power[(frequency > 0.0) & (frequency < 0.5 * rate)] *= 2.0
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
-
-
-def worst_force_ripple(force: ArrayLike, rate: float, breaks: BoolArray | None = None) -> float:
-    """Largest `force_ripple` [N] of any `RIPPLE_SPAN` of a force (T, 3): of a recording or a session too.
-
-    `breaks` are ticks before which others are missing, shape (T,). NaN where no uninterrupted part is long enough.
-    """
-    vectors = _vectors(force)
-    span = round(RIPPLE_SPAN * rate)
-    parts = [vectors] if breaks is None else np.split(vectors, np.flatnonzero(breaks))
-    found = [
-        force_ripple(part[first : first + span], rate)
-        for part in parts
-        # Half a span overlaps, since the window is blind at its ends; the last one ends with the part.
-        for first in {*range(0, max(1, part.shape[0] - span), max(1, span // 2)), max(0, part.shape[0] - span)}
-    ]
-    return statistics(found).max
 
 
 def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, grip: FloatArray | None = None) -> float:

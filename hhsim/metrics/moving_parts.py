@@ -1,8 +1,9 @@
 """Parts of a body over time: their surfaces, where they are, and what of a hand is inside them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +12,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
-from hhsim.metrics.mesh_penetration import TouchedObject
+from hhsim.metrics.mesh_penetration import contact_error, find_contact_points, ticks_looked_at
 from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.reader import Result
@@ -80,51 +82,75 @@ class MovingParts:
         """Surfaces so far by their kind: they live as long as the parts."""
         return {}
 
-    def seen(self, p: int, hand: PlacedHand, ticks: slice = slice(None)) -> PlacedHand:
-        """Return the hand at some ticks as a part sees it."""
-        return self.motion(p, ticks).seen_hand(hand)
-
     def penetration(
         self, kind: str, shape: HandShape, hand: PlacedHand, fingers: BoolArray, ticks: slice
     ) -> Penetration:
         """Compute depths in the part that a hand is deepest in, as `hhsim.metrics.metrics.penetration`."""
         depths = [
-            penetration(part.arrays, shape, self.seen(p, hand, ticks), fingers)
+            penetration(part.arrays, shape, self.motion(p, ticks).seen_hand(hand), fingers)
             for p, part in enumerate(self.surfaces(kind))
         ]
         return Penetration(*(np.max(values, axis=0) for values in zip(*depths)))
 
 
 @dataclass(frozen=True, eq=False)
-class TouchedParts(TouchedObject):
-    """Parts on which contacts are looked for."""
+class TouchedObject:
+    """Object on which contacts are looked for, or its parts, and their meshes."""
 
-    parts: MovingParts
-    kind: str  # surface that is touched
+    mesh: Mesh  # True surface [m], world
+    surface: Any  # surface of the solver, world, such as the leaf spheres
+    shape: HandShape  # sizes of the hand
+    fingers: BoolArray  # True for modelled fingers, shape (5,)
+    touch: float  # largest distance of a touching pair [m]
+    parts: MovingParts | None = None  # parts in place of mesh and surface; None for an object that stands still
+    kind: str = ""  # surface of the parts that is touched
+
+    @property
+    def _pieces(self) -> Iterator[tuple[Mesh, Any, RigidMotion | None]]:
+        """Mesh, surface and motion of each part, or of the object, which has no motion."""
+        if self.parts is None:
+            yield self.mesh, self.surface, None
+            return
+        for p, (mesh, part) in enumerate(zip(self.parts.meshes, self.parts.surfaces(self.kind))):
+            yield mesh, part.arrays, self.parts.motion(p)
 
     def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
-        """See `TouchedObject.penetration`: depths in the part that the hand is deepest in."""
-        return self.parts.penetration(self.kind, self.shape, placed, self.fingers, ticks)
+        """Depths of the hand at some ticks, in its deepest part, as `hhsim.metrics.metrics.penetration`."""
+        if self.parts is not None:
+            return self.parts.penetration(self.kind, self.shape, placed, self.fingers, ticks)
+        return penetration(self.surface, self.shape, placed, self.fingers)
 
     def input_hand(self, hand: HandModel, haptic: HandConfiguration, shown: PlacedHand, *ticks: BoolArray) -> InputHand:
-        """See `hhsim.metrics.input_hand.input_hand`: the depth is that in the deepest part, and `free` is NaN."""
+        """See `hhsim.metrics.input_hand.input_hand`; of parts the depth is the deepest one's, and `free` is NaN."""
         found = []
-        for p, (mesh, part) in enumerate(zip(self.parts.meshes, self.parts.surfaces(self.kind))):
-            depths, to = object_depths(part.arrays, mesh, self.shape, self.fingers), self.parts.motion(p)
-            place, turn = to.seen_points(haptic.position), to.seen_orientations(haptic.orientation)
-            seen = haptic._replace(position=place, orientation=turn)
-            found.append(input_hand(hand, depths, seen, to.seen_hand(shown), *ticks))
+        for mesh, surface, motion in self._pieces:
+            depths, user, graphic = object_depths(surface, mesh, self.shape, self.fingers), haptic, shown
+            if motion is not None:
+                place, turn = motion.seen_points(haptic.position), motion.seen_orientations(haptic.orientation)
+                user, graphic = haptic._replace(position=place, orientation=turn), motion.seen_hand(shown)
+            found.append(input_hand(hand, depths, user, graphic, *ticks))
+        if self.parts is None:
+            return found[0]
         return found[0]._replace(depth=max(each.depth for each in found), free=np.nan)
 
     def contact_error(self, placed: PlacedHand, contact: BoolArray) -> FloatArray:
-        """See `TouchedObject.contact_error`: the largest of any part."""
-        errors = [
-            TouchedObject(mesh, part.arrays, self.shape, self.fingers, self.touch).contact_error(
-                self.parts.seen(p, placed), contact
-            )
-            for p, (mesh, part) in enumerate(zip(self.parts.meshes, self.parts.surfaces(self.kind)))
-        ]
-        return np.asarray(np.fmax.reduce(errors))
+        """Largest distance of a contact point of each tick from the mesh [m], shape (T,).
+
+        NaN without contact and in ticks that are not examined. A contact point is the point of a hand body nearest to a
+        touched piece of the surface. `placed` is the shown hand [m], world; `contact` has the ticks where something may
+        touch, shape (T,).
+        """
+        error, chosen = np.full(len(contact), np.nan), ticks_looked_at(contact)
+        for mesh, surface, motion in self._pieces if chosen.size else ():
+            seen = placed if motion is None else motion.seen_hand(placed)
+            found = find_contact_points(surface, self.shape, seen, self.touch, chosen=chosen, fingers=self.fingers)
+            if len(found.tick):
+                # A hand at rest touches at the same points over and over.
+                points, place = np.unique(np.round(found.point, 12), axis=0, return_inverse=True)
+                bvh = build_mesh_bvh(mesh.vertices, mesh.faces, signed=False)
+                error[found.tick] = np.fmax(error[found.tick], 0.0)
+                np.maximum.at(error, found.tick, contact_error(bvh, points)[place.ravel()])
+        return error
 
 
 def placed_mesh(meshes: Sequence[Mesh], moved: Sequence[RigidMotion], name: str = "object") -> Mesh:

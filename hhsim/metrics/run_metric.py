@@ -1,11 +1,8 @@
 """Figures of a run: name, display, judgement and computation."""
 
-import importlib
 import math
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from types import ModuleType
 from typing import Any, TypeVar
 
 from hhsim.metrics.run_ticks import RunTicks
@@ -78,15 +75,3 @@ class RunMetric(Figure):
 def each_with(*metrics: F, **also: Any) -> tuple[F, ...]:
     """Return figures with what holds for each of them."""
     return tuple(replace(metric, **also) for metric in metrics)
-
-
-def declared_figures(package: ModuleType) -> dict[str, Any]:
-    """Return the `METRICS` of each module of a package by name, in its `ORDER`; ValueError for a name twice."""
-    names = [module.name for module in pkgutil.iter_modules(package.__path__)]
-    found: list[Any] = []
-    for name in (*package.ORDER, *(name for name in names if name not in package.ORDER)):
-        found += getattr(importlib.import_module(f"{package.__name__}.{name}"), "METRICS", ())
-    metrics = {metric.name: metric for metric in found}
-    if len(metrics) < len(found):
-        raise ValueError(f"two figures of one name among {sorted(metric.name for metric in found)}")
-    return metrics

@@ -17,10 +17,9 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.hand.hand_shape import HandShape
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.input_hand import InputHand, input_hand, object_depths
-from hhsim.metrics.mesh_penetration import TouchedObject
+from hhsim.metrics.input_hand import InputHand
 from hhsim.metrics.metrics import posture_jump
-from hhsim.metrics.moving_parts import TouchedParts, result_parts
+from hhsim.metrics.moving_parts import TouchedObject, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
 from hhsim.result.body import ON_TABLE
 from hhsim.result.reader import Result
@@ -161,7 +160,8 @@ class RunTicks:
     @cached_property
     def holds(self) -> list[slice]:
         """Ticks of each hold."""
-        return hold_slices(self.phases, self.ticks)
+        held = [phase for phase in self.phases if phase.name == HOLD and phase.first_tick < self.ticks]
+        return [slice(phase.first_tick, min(phase.last_tick + 1, self.ticks)) for phase in held]
 
     @cached_property
     def hold(self) -> BoolArray:
@@ -192,10 +192,7 @@ class RunTicks:
         shown = PlacedHand(*(self.columns[name] for name in PLACED))
         touching, touched = np.asarray(self.columns[TOUCHING] > 0), self.touched
         near = self.contact | self.touch | (self.self_contact & (self.self_clearance("graphic") <= touched.touch))
-        if isinstance(touched, TouchedParts):
-            return touched.input_hand(self.hand, haptic, shown, touching, near)
-        depths = object_depths(touched.surface, touched.mesh, touched.shape, touched.fingers)
-        return input_hand(self.hand, depths, haptic, shown, touching, near)
+        return touched.input_hand(self.hand, haptic, shown, touching, near)
 
     @cached_property
     def jumps(self) -> FloatArray:
@@ -217,8 +214,9 @@ class RunTicks:
             moved, seen = self.free.moved, shown[:-1]
             shown, user = moved.points(shown), moved.points(user)
             pushed = np.linalg.norm(moved.at(slice(1, None)).points(seen) - shown[:-1], axis=-1).max(axis=(1, 2))
-        if isinstance(self.touched, TouchedParts) and not self.touched.parts.free:
-            both &= ~np.diff(self.touched.parts.path, axis=0).any(axis=(1, 2))
+        parts = None if self.touched is None else self.touched.parts
+        if parts is not None and not parts.free:
+            both &= ~np.diff(parts.path, axis=0).any(axis=(1, 2))
         if self.breaks is not None:
             both &= ~self.breaks[1:]
         jump = posture_jump(user.reshape(-1, 20, 3), shown.reshape(-1, 20, 3))[1:]
@@ -247,35 +245,36 @@ def touched_object(result: Result) -> TouchedObject:
     static, parts, first = result.static, result_parts(result), result.body
     mesh = Mesh(first.vertices, first.faces)
     tree = sphere_tree_of(first.static, "tree")
-    surface = (contact_surface(result.surface, mesh, tree) if parts is None else parts.surface(result.surface)).arrays
+    surface = contact_surface(result.surface, mesh, tree).arrays if parts is None else None
     shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))
     fingers = np.array([finger in result.fingers for finger in FINGERS])
-    touched = mesh, surface, shape, fingers, float(result.scene["solver"]["touch"])
-    return TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, result.surface)
+    touch = float(result.scene["solver"]["touch"])
+    return TouchedObject(mesh, surface, shape, fingers, touch, parts, result.surface)
 
 
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:
     """Build the ticks of a result without its object: figures of contacts and of the user's hand are NaN."""
-    static = result.static
+    static, breaks = result.static, None
+    if result.live is not None:
+        # Where the recorder lost ticks.
+        breaks = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64), prepend=0) != 1
+        breaks[:1] = False
     bodies = static["hand/phalanx_length"].size + static["hand/palm_radius"].size
+    # A model without trees tests a hand's body with all leaf spheres: of a free body with its own.
+    objects = [result.body] if result.body.is_free else result.bodies.values()
     return RunTicks(
         columns=result.seen_from_object if columns is None else columns,
         ticks=result.ticks,
         phases=result.phases,
         rate=result.rate,
         fingers=len(result.fingers),
-        all_pairs=bodies * leaves_in_reach(result),
-        breaks=_breaks(result),
+        all_pairs=bodies * sum(body.leaves for body in objects),
+        breaks=breaks,
         hand=_hand(result),
         free=result_free_run(result),
         modelled=tuple(result.fingers),
         self_contact=bool(result.scene["solver"].get("self_contact", False)),
     )
-
-
-def leaves_in_reach(result: Result) -> int:
-    """Number of leaf spheres that a model without trees tests a hand's body with: of a free body its own."""
-    return result.body.leaves if result.body.is_free else sum(body.leaves for body in result.bodies.values())
 
 
 def _hand(result: Result) -> HandModel | None:
@@ -284,18 +283,3 @@ def _hand(result: Result) -> HandModel | None:
         return result_hand(result)
     except (HhsimError, KeyError):
         return None
-
-
-def _breaks(result: Result) -> BoolArray | None:
-    """Ticks of a session before which the recorder lost others; None for a replay."""
-    if result.live is None:
-        return None
-    breaks = np.zeros(result.ticks, bool)
-    breaks[1:] = np.diff(result[f"{LIVE_TICK}/record"].astype(np.int64)) != 1
-    return breaks
-
-
-def hold_slices(phases: Sequence[TickPhase], ticks: int) -> list[slice]:
-    """Ticks of each hold."""
-    held = [phase for phase in phases if phase.name == HOLD and phase.first_tick < ticks]
-    return [slice(phase.first_tick, min(phase.last_tick + 1, ticks)) for phase in held]

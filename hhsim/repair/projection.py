@@ -10,30 +10,82 @@ bones linearised. A step is shortened where it turns back, since the surface ben
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.metrics.field.hands import ON_SURFACE
+from hhsim.kernels.contact.mesh_distance import balls_are_clear
+from hhsim.mesh.mesh import Mesh
+from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
+from hhsim.metrics.mesh_penetration import RESOLUTION
+from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import BONES, Correction
-from hhsim.repair.tracks import CLEAR, GivenObject, HandJudge, farthest, put
 from hhsim.repair.written_hand import (
     JOINTS,
     NUMBERS,
+    SHARES,
     TIPS,
     WrittenHand,
     change_between,
     changed_hand,
-    finite_frames,
     mean_acceleration,
 )
 from hhsim.solver.options import Stiffness
 from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.system.progress import Progress, silent
+from hhsim.trees.contact_surface import ContactSurface
+
+CLEAR = 2e-6
+"""Clearance that a hand needs which the solver did not make [m]: above the error of the measure."""
+GivenObject: TypeAlias = ContactSurface | MovingParts
+"""Object of a recording: the surface of a closed mesh, or parts with their poses in each frame."""
+
+
+class HandJudge:
+    """Clearance of hands from closed meshes by closest points, with nothing of the solver.
+
+    Hands are those of all frames of parts that move, or of the frames that `at` takes.
+    """
+
+    def __init__(self, hand: HandModel, given: GivenObject | Mesh) -> None:
+        mesh = given.mesh if isinstance(given, ContactSurface) else given
+        assert mesh is not None
+        self.hand, self.shape, self.bodies = hand, hand_shape(hand), Bodies.of(mesh)
+
+    def at(self, frames: int | slice | IntArray) -> "HandJudge":
+        """Return the judge of some frames, or of a single one."""
+        judge = copy(self)
+        judge.bodies = self.bodies.at(frames)
+        return judge
+
+    def clearance(self, frames: HandConfiguration, limit: float = CLEAR) -> FloatArray:
+        """Return the least signed distance of each hand [m], shape (T,), at most `limit`; NaN for a hand of NaN."""
+        return self.placed_clearance(forward_kinematics(self.hand, *frames), limit)
+
+    def placed_clearance(self, placed: PlacedHand, limit: float = CLEAR) -> FloatArray:
+        """Return the same for any joints and palms."""
+        return self.bodies.clearance(self.shape, placed, limit)
+
+    def points(self, frames: HandConfiguration) -> FloatArray:
+        """Return joints, tips and palm origin of each hand [m], shape (T, 21, 3)."""
+        return forward_kinematics(self.hand, *frames).points
+
+
+def farthest(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the largest distance between corresponding points [m], shapes (T, P, 3); shape (T,)."""
+    return np.asarray(np.linalg.norm(first - second, axis=-1).max(axis=-1))
+
+
+def put(track: HandConfiguration, frames: int | IntArray, hands: HandConfiguration) -> None:
+    """Write hands to frames of a track, or one, T = 1, to a frame."""
+    for values, own in zip(track, hands, strict=True):
+        values[frames] = own
+
 
 SLACK = 1000.0
 """Force [N], above that of any displacement, at which rows that contradict each other give way."""
@@ -209,11 +261,15 @@ class FrameHand:
 
     def is_free(self) -> bool:
         """Return True, and note the hand as found, if it does not penetrate."""
-        surface = self.written.surface
+        surface, bodies = self.written.surface, self.judge.bodies
         if surface.start:
-            free = bool((self.judge.bodies.distance(self.points[None, surface]) >= CLEAR).all())
+            free = bool((bodies.distance(self.points[None, surface]) >= CLEAR).all())
         else:
-            free = self.judge.are_clear(self.points, self.radii, self.nearest)
+            rest = self.radii, self.nearest, len(SHARES), CLEAR, RESOLUTION
+            free = all(
+                balls_are_clear(object_bvh(mesh), np.ascontiguousarray(seen[0]), *rest)
+                for mesh, seen in zip(bodies.meshes, bodies.seen(self.points[None]))
+            )
         if free:
             self.found = self.posture
         return free
@@ -234,9 +290,8 @@ def correct(
     """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
 
     Args:
-        joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3), NaN where
-            missing.
-        fitted, posture: Our hand as recorded and as repaired, in the object's frame; NaN in frames without a hand.
+        joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3).
+        fitted, posture: Our hand as recorded and as repaired, in the object's frame.
         given: Object, of parts that move with their poses in each frame.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
         object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
@@ -248,28 +303,17 @@ def correct(
         The correction, in the frame of `joints`; frames without a need are as they were. A mask of the frames whose
         written hand penetrates or whose joints move by more than the limit, shape (T,).
     """
-    count = len(joints)
-    known = np.flatnonzero(finite_frames(fitted) & finite_frames(posture))
-    rotation = np.tile(np.eye(3), (count, BONES, 1, 1))
-    moved, corrected = joints.copy(), fitted.copy()
-    changed, inside = np.zeros((2, count), bool)
-    if known.size:
-        written = WrittenHand(joints[known], hand, fitted.at(known), tip_on_surface)
-        projection = Projection(written, HandJudge(hand, given).at(known))
-        recorded = projection.clearance(written.fitted)
-        if object_moved is not None:
-            object_moved = RigidMotion(object_moved.turn[known], object_moved.shift[known])
-        needed = recorded < 0.0
-        found = projection.corrected(posture.at(known), needed, object_moved, progress)
-        touched = np.any(change_between(written.fitted, found) != 0.0, axis=1)
-        changed[known] = touched
-        rotation[known[touched]] = written.rotation(found)[touched]
-        moved[known[touched]] = written.moved(joints[known], found)[touched]
-        put(corrected, known, found)
-        inside[known] = np.where(touched, projection.clearance(found), recorded) < 0.0
-    gone = np.where(np.isfinite(moved - joints), moved - joints, 0.0)
-    marked = inside | (farthest(gone, np.zeros_like(gone)) > max_correction)
-    return Correction(fitted, corrected, rotation, moved, changed), marked
+    written = WrittenHand(joints, hand, fitted, tip_on_surface)
+    projection = Projection(written, HandJudge(hand, given))
+    recorded = projection.clearance(fitted)
+    found = projection.corrected(posture, recorded < 0.0, object_moved, progress)
+    changed = np.any(change_between(fitted, found) != 0.0, axis=1)
+    rotation, moved = np.tile(np.eye(3), (len(joints), BONES, 1, 1)), joints.copy()
+    rotation[changed] = written.rotation(found)[changed]
+    moved[changed] = written.moved(joints, found)[changed]
+    inside = np.where(changed, projection.clearance(found), recorded) < 0.0
+    marked = inside | (farthest(moved, joints) > max_correction)
+    return Correction(fitted, found, rotation, moved, changed), marked
 
 
 class Projection:

@@ -1,7 +1,7 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from time import process_time
@@ -9,16 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hhsim import __version__
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, MeshError, named
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, field_verdict
 from hhsim.metrics.field.hands import FieldHands, FieldPair
-from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
@@ -39,21 +38,16 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.page import repair_page
-from hhsim.repair.projection import correct
+from hhsim.repair.projection import GivenObject, correct
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin import Skin, mano_skin, moved_skin
 from hhsim.repair.skin_depth import push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
-from hhsim.repair.tracks import LINEARISATIONS, GivenObject, put_at, solver_beside
+from hhsim.repair.tracks import LINEARISATIONS, put_at, repair_frames, solver_beside
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import BETWEEN_COLUMNS
-from hhsim.result.writer import add_skin, merge_hands
+from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import SUBMITTED, known_for_now
@@ -62,9 +56,11 @@ from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
+from hhsim.system.counted import counted
 from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
+from hhsim.table.html import render
 from hhsim.trees.contact_surface import contact_surface, encloses
 from hhsim.trees.triangle_tree import triangle_tree
 
@@ -76,6 +72,8 @@ TREE_LEVEL = 2
 """Level of the tree of an object's triangles in the result."""
 METHOD = "hhsim repair"
 """Name of the method in the result of a repair."""
+MOST_LISTED = 20
+"""Number of marked frames that the page lists by their numbers."""
 ROUNDING = 2e-6
 """Distance of written joints from corrected ones that numbers of a file make [m]."""
 
@@ -171,8 +169,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     if request.pictures:
         progress("picture", 0, 1)
         _draw(recorded, seen.posture, before, after, paths["picture"])
-        page = repair_page(outcome, before, after, paths["picture"].read_bytes())
-        write_atomically(paths["report"], page.encode())
+        write_atomically(paths["report"], _page(outcome, paths["picture"].read_bytes()).encode())
     return outcome
 
 
@@ -340,6 +337,23 @@ def _draw(
     draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers, depth)
 
 
+def _page(outcome: RepairOutcome, worst: bytes) -> str:
+    """Return the page of a repair: verdict, figures before and after, and `worst`, a PNG of its deepest frames."""
+    table = outcome.table
+    assert table is not None
+    marked = f"Each of {counted(outcome.frames, 'frame')} has a repair within the limit."
+    if outcome.marked:
+        listed = ", ".join(map(str, outcome.marked[:MOST_LISTED]))
+        listed += ", …" if len(outcome.marked) > MOST_LISTED else ""
+        share = f"{len(outcome.marked)} of {counted(outcome.frames, 'frame')}"
+        marked = (
+            f"Marked are {share}, in which a joint moves by more than the limit or no free hand was found: {listed}."
+        )
+    stated = {"verdict": outcome.verdict, "missed": not outcome.ok, "marked": marked, "findings": outcome.findings}
+    made_by = {"generator": METHOD, "version": __version__}
+    return render("repair/repair.html", title=table.title, figures=table, worst=worst, **stated, **made_by)
+
+
 def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
     """Raise InputError for another suffix than that of `given`, OutputError for a file that cannot be written anew."""
     out = request.out
@@ -362,77 +376,31 @@ def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, Hand
     return fitted, HandModel.of_text(text, FITTED, side)
 
 
-@dataclass(frozen=True)
-class BothRepaired:
-    """Outcomes of the right and of the left hand, in one recording."""
-
-    hands: tuple[RepairOutcome, RepairOutcome]
-    recording: Path  # repaired recording
-    result: Path | None  # result of both hands; None where they are not in the same frames, and each has its own
-    # Least distance between the repaired hands [m], negative where one is in the other; NaN without `result`.
-    nearest: float
-
-    @property
-    def text(self) -> str:
-        """Sentence on both hands together."""
-        if np.isnan(self.nearest):
-            return "the hands are not in the same frames, so each has a result of its own"
-        near = f"come within {1e3 * self.nearest:.2g} mm of each other"
-        if self.nearest < 0.0:
-            near = f"enter each other by {-1e3 * self.nearest:.2g} mm, which is not repaired"
-        return f"the repaired hands {near}"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values, SI."""
-        hands = {side: outcome.to_json() for side, outcome in zip(SIDES, self.hands)}
-        nearest = None if np.isnan(self.nearest) else self.nearest
-        result = None if self.result is None else str(self.result)
-        return {"recording": str(self.recording), "result": result, "distance_of_hands": nearest, "hands": hands}
-
-
 def repair_both_hands(
     request: RepairRequest, *, command: Sequence[str] = (), progress: Progress = silent
-) -> BothRepaired:
+) -> list[RepairOutcome]:
     """Repair the right hand of a recording, and then the left one of what that wrote; errors as `repair_recording`.
 
-    Report, result and picture of each lie beside `request.out`, with its side in their names; the results are joined
-    where the hands are in the same frames. Each hand is kept out of the object, not of the other hand.
+    Result, report and picture of each lie beside `request.out`, with its side in their names. Each hand is kept out of
+    the object, not of the other hand.
     """
     out, given = request.out, request.recording
-    of_each = [f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)]
-    _check_paths(request, given, RESULT, *of_each)
+    _check_paths(request, given, *(f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)))
     if repaired_suffix(given, _reading(request)) != given.suffix:
         raise InputError(f"{given}: its format is read and not written; repair each hand for itself: --hand right|left")
+    found, recording = list[RepairOutcome](), given
     with new_files(out) as folder:
-        stem, suffix = out.stem, out.suffix
-        requests = [replace(request, hand=side, out=folder / f"{stem}-{side}{suffix}", of_both=given) for side in SIDES]
-        right = repair_recording(requests[0], command=command, progress=progress)
-        second = replace(requests[1], recording=requests[0].out)
-        left = repair_recording(second, command=command, progress=progress)
-        requests[1].out.replace(folder / out.name)
-        requests[0].out.unlink()
-        results = [load_result(one.paths["result"]) for one in (right, left)]
-        joined, nearest = None, np.nan
-        if np.array_equal(results[0]["time"], results[1]["time"]):
-            distances = [_apart(results, whose) for whose in ("haptic", "graphic")]
-            between = dict(zip((column.name for column in BETWEEN_COLUMNS), distances))
-            merge_hands([one.path for one in results], folder / request.beside(RESULT).name, between)
-            joined, nearest = request.beside(RESULT), float(distances[1].min())
-    hands = [replace(one, paths=_files(one, out, joined)) for one in (right, left)]
-    return BothRepaired((hands[0], hands[1]), out, joined, nearest)
-
-
-def _apart(results: Sequence[Result], whose: str) -> FloatArray:
-    """Compute the distance of the haptic or the graphic hands in each frame [m], shape (T,)."""
-    hands = [stored_hand(result) for result in results]
-    fields = [[result[f"{whose}/{name}"] for name in HandConfiguration._fields] for result in results]
-    return distance_of_hands(hands, [forward_kinematics(hand, *at) for hand, at in zip(hands, fields)])
-
-
-def _files(outcome: RepairOutcome, recording: Path, joined: Path | None) -> dict[str, Path]:
-    """Return an outcome's files as they are called at last."""
-    paths = {what: recording.with_name(path.name) for what, path in outcome.paths.items()}
-    return {**paths, "recording": recording, **({} if joined is None else {"result": joined})}
+        for side in SIDES:
+            beside = folder / f"{out.stem}-{side}{out.suffix}"
+            one = replace(request, recording=recording, hand=side, out=beside, of_both=given)
+            outcome = repair_recording(one, command=command, progress=progress)
+            paths = {what: out.with_name(path.name) for what, path in outcome.paths.items()}
+            found.append(replace(outcome, paths={**paths, "recording": out}))
+            if recording != given:
+                recording.unlink()
+            recording = beside
+        recording.replace(folder / out.name)
+    return found
 
 
 def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfiguration) -> tuple[FloatArray, FloatArray]:

@@ -16,9 +16,8 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies
 from hhsim.metrics.moving_parts import MovingParts
-from hhsim.repair.projection import Projection
+from hhsim.repair.projection import HandJudge, Projection, put
 from hhsim.repair.skin import BLOCK_FRAMES, Skin, carried
-from hhsim.repair.tracks import HandJudge, put
 from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.mesh_distance import HandBones, fill_with_balls, move_joints, place_bones
 from hhsim.kernels.hand.pose import apply_changes, turns_between
@@ -104,7 +104,7 @@ class WrittenHand:
     """Writes corrections of recorded joints; `surface` are the balls of `samples` that have to be outside.
 
     Args:
-        joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3), NaN where missing.
+        joints: Recorded joints of T frames in the order of `KEYPOINTS` [m], shape (T, 21, 3).
         fitted: Hand fitted to each frame, in the frame of the joints.
         tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
     """
@@ -113,12 +113,9 @@ class WrittenHand:
 
     def __init__(self, joints: FloatArray, hand: HandModel, fitted: HandConfiguration, tip_on_surface: bool) -> None:
         self.joints, self.hand, self.fitted = joints, hand, fitted
-        model = forward_kinematics(hand, *fitted)
-        usual = np.concatenate([model.position[:, None], model.joints.reshape(-1, 20, 3)], axis=1)
-        axes = np.where(np.isfinite(joints), joints, usual)
+        axes = joints.copy()
         if tip_on_surface:
-            of_finger = np.where(np.isfinite(joints), joints, np.nan)[:, 1:].reshape(-1, 5, 4, 3)
-            last = of_finger[:, :, 3] - of_finger[:, :, 2]
+            last = joints[:, 4::4] - joints[:, 3::4]
             with np.errstate(invalid="ignore", divide="ignore"):
                 inset = hand.radius[:, 3:] * last / np.linalg.norm(last, axis=-1, keepdims=True)
             axes[:, 4::4] -= np.nan_to_num(inset)

@@ -24,9 +24,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
 from hhsim.metrics import metrics
-from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR, TouchedObject
+from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR
 from hhsim.metrics.metrics import force_variation_rate, statistics
-from hhsim.metrics.moving_parts import MovingParts, TouchedParts
+from hhsim.metrics.moving_parts import MovingParts, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
 from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
@@ -153,7 +153,7 @@ def summarise(
     scene, seen, options, surface = solver.scene, solver.seen, solver.options, solver.surfaces[hand]
     ticks, parts, model = scene.ticks, seen.parts, scene.hands[hand].model
     fingers = np.array([finger in options.fingers for finger in FINGERS])
-    touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch
+    touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch, parts, options.surface
     free_run = None
     if seen.free is not None:
         first = STILL if seen.others else seen.place
@@ -166,7 +166,7 @@ def summarise(
         rate=ticks.rate,
         fingers=len(options.fingers),
         all_pairs=all_pairs(model, seen.tree),
-        touched=TouchedObject(*touched) if parts is None else TouchedParts(*touched, parts, options.surface),
+        touched=TouchedObject(*touched),
         hand=model,
         free=free_run,
         modelled=options.fingers,

@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
 from hhsim.result.body import Body, contact_names
@@ -30,7 +30,6 @@ from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
-from hhsim.system.hdf5_input import open_hdf5
 from hhsim.system.output_path import free_name, require_apart
 from hhsim.system.posix import allocate
 
@@ -297,45 +296,6 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
             hand.pop(schema.SKIN, None)
             for column in schema.SKIN_COLUMNS:
                 _describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
-
-
-def merge_hands(parts: Sequence[Path], path: Path, between: Mapping[str, AnyArray]) -> Path:
-    """Merge the complete results of the right and the left hand in the same ticks in one file, and delete them.
-
-    `between` has the arrays of `BETWEEN_COLUMNS` by name. Raises InputError for results of two objects, OutputError
-    where the file cannot be written; the parts stay.
-    """
-    with _output_errors(path):
-        with partial_file(path) as partial:
-            shutil.copyfile(parts[0], partial)
-            with open_hdf5(parts[1]) as other, _amended(partial) as file:
-                if not _equal(file[schema.BODIES], other[schema.BODIES]):
-                    raise InputError(f"{parts[0]} and {parts[1]} have not the same bodies: each keeps its own file")
-                scenes = {
-                    name: {**json.loads(of.attrs["scene"]), **json.loads(hand.attrs["scene"])}
-                    for of in (file, other)
-                    for name, hand in of[schema.HANDS].items()
-                }
-                for group in (schema.HANDS, schema.SUMMARY):
-                    for name in other[schema.HANDS]:
-                        other.copy(f"{group}/{name}", file[group])
-                for column in schema.BETWEEN_COLUMNS:
-                    values = np.asarray(between[column.name], column.dtype)
-                    _describe_dataset(file.create_dataset(f"{schema.TICK}/{column.name}", data=values), column)
-                common, own = _split_scenes(scenes)
-                file.attrs["scene"] = json.dumps(common, sort_keys=True)
-                for name, scene in own.items():
-                    file[schema.HANDS][name].attrs["scene"] = json.dumps(scene, sort_keys=True)
-        for part in parts:
-            part.unlink()
-    return path
-
-
-def _equal(one: h5py.Group, other: h5py.Group) -> bool:
-    """Return True if two groups hold the same arrays."""
-    if isinstance(one, h5py.Dataset) or isinstance(other, h5py.Dataset):
-        return isinstance(one, h5py.Dataset) and isinstance(other, h5py.Dataset) and np.array_equal(one, other)
-    return one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,6 @@ of the closed form of the other.
 
 import itertools
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,23 +105,71 @@ def ball_places(center: FloatArray, radius: FloatArray) -> Places:
     return Places([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
 
 
-def near_rows(
-    a: FloatArray, b: FloatArray, thick: FloatArray, pieces: Places, near: float
-) -> tuple[IntArray, IntArray]:
-    """Return indices of capsules and pieces whose balls are at most `near` [m] apart, sorted by capsule and piece.
+class RoundCones(NamedTuple):
+    """N round cones, such as the bodies of hands: phalanges, and the palm's spheres, cones without length."""
 
-    `a`, `b` are the ends of the capsules' axes [m], shape (N, 3), `thick` their radii [m], -inf to leave one out.
+    a: FloatArray  # start of each axis [m] (N, 3)
+    b: FloatArray
+    radius_a: FloatArray  # [m] (N,)
+    radius_b: FloatArray
+
+    def at(self, rows: IntArray | BoolArray) -> "RoundCones":
+        """Return some cones: indices in their order, or a mask."""
+        return RoundCones._make(values[rows] for values in self)
+
+    @property
+    def thick(self) -> FloatArray:
+        """Larger radius of each [m] (N,)."""
+        return np.maximum(self.radius_a, self.radius_b)
+
+    def balls(self, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return centres (N, 3) and radii (N,) of the balls at these shares of the axes [m]."""
+        return self.a + share[:, None] * (self.b - self.a), self.radius_a + share * (self.radius_b - self.radius_a)
+
+    def nearest_balls(self, center: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return centres (N, 3) and radii (N,) of the balls that are nearest to one point each [m], (N, 3)."""
+        axis, drop, away = self.b - self.a, self.radius_b - self.radius_a, center - self.a
+        length = np.linalg.norm(axis, axis=1)
+        size = np.where(length > 0.0, length, 1.0)
+        unit, slope = axis / size[:, None], drop / size
+        along = np.einsum("ni,ni->n", away, unit)
+        # The normal of a cone leans by its slope; where one end's ball holds the other's it is the nearest.
+        lean = slope / np.sqrt(np.maximum(1.0 - slope**2, TINY))
+        along += lean * np.linalg.norm(away - along[:, None] * unit, axis=1)
+        return self.balls(np.where(length > 0.0, np.clip(along / size, 0.0, 1.0), drop > 0.0))
+
+
+def round_cones(joints: FloatArray, palm: FloatArray, radius: FloatArray, palm_radius: FloatArray) -> RoundCones:
+    """Return the bodies of hands, tick by tick: 15 phalanges, then the palm's P spheres.
+
+    Joints (T, 5, 4, 3), spheres (T, P, 3) [m]; radii at the joints (5, 4), and of the spheres (P,) [m].
+    """
+    parts = slice(3), slice(1, 4)
+    ends = (np.concatenate([joints[:, :, some].reshape(-1, PALM, 3), palm], axis=1).reshape(-1, 3) for some in parts)
+    sizes = (np.tile(np.append(radius[:, some].ravel(), palm_radius), len(joints)) for some in parts)
+    return RoundCones(*ends, *sizes)
+
+
+def own_cones(hand: OwnHand, posed: Posed) -> RoundCones:
+    """Return the bodies of a result's hands, as `round_cones`."""
+    return round_cones(posed.joints, posed.palm, hand.radius, hand.palm_radius)
+
+
+def near_rows(cones: RoundCones, reach: FloatArray, pieces: Places) -> tuple[IntArray, IntArray]:
+    """Return indices of axes and pieces whose balls are at most `reach` [m] (N,) apart, sorted by axis and piece.
+
+    A reach of -inf leaves a cone out.
     """
     # A hand that is not finite is near nothing.
-    some = np.flatnonzero(np.isfinite(a - b).all(axis=1) & (thick > -np.inf))
-    axis = b[some] - a[some]
-    square = np.einsum("ni,ni->n", axis, axis)
-    row, piece = pieces.within(0.5 * (a + b)[some], 0.5 * np.sqrt(square) + thick[some] + near)
-    away = pieces.center[piece] - a[some][row]
-    along = np.einsum("ni,ni->n", away, axis[row]) / np.where(square > 0.0, square, 1.0)[row]
-    away -= np.clip(along, 0.0, 1.0)[:, None] * axis[row]
+    some = np.flatnonzero(np.isfinite(cones.a - cones.b).all(axis=1) & (reach > -np.inf))
+    a, b = cones.a[some], cones.b[some]
+    square = np.einsum("ni,ni->n", b - a, b - a)
+    row, piece = pieces.within(0.5 * (a + b), 0.5 * np.sqrt(square) + reach[some])
+    away, axis = pieces.center[piece] - a[row], (b - a)[row]
+    along = np.einsum("ni,ni->n", away, axis) / np.where(square > 0.0, square, 1.0)[row]
+    away -= np.clip(along, 0.0, 1.0)[:, None] * axis
     row = some[row]
-    kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= (thick + near)[row] + pieces.radius[piece]
+    kept = np.sqrt(np.einsum("ni,ni->n", away, away)) <= reach[row] + pieces.radius[piece]
     order = np.lexsort((piece[kept], row[kept]))
     return row[kept][order], piece[kept][order]
 
@@ -131,10 +178,10 @@ def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray,
     """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
 
     def search(some: Posed) -> Pairs:
-        a, b, radius_a, radius_b, thick = _searched(hand, some, spheres, fingers, near)
-        row, leaf = near_rows(a, b, thick, spheres, near)
+        cones, within = _searched(hand, some, spheres, fingers, near)
+        row, leaf = near_rows(cones, cones.thick + within, spheres)
         center = spheres.center[leaf]
-        place, size = axis_places(a[row], b[row], radius_a[row], radius_b[row], center)
+        place, size = cones.at(row).nearest_balls(center)
         return _of_hands(hand, ball_pairs(row, leaf, place, size, place - center, spheres.radius[leaf], near))
 
     return _by_chunks(posed, search)
@@ -155,25 +202,6 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
     return pairs.at(np.lexsort((pairs.body, pairs.tick)))
 
 
-def axis_places(
-    a: FloatArray, b: FloatArray, radius_a: FloatArray, radius_b: FloatArray, center: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Points of N axes where the round cones a, b, radius_a, radius_b are nearest to `center`, and the radii there [m].
-
-    Ends, centres and points have shape (N, 3), radii (N,).
-    """
-    axis, drop, away = b - a, radius_b - radius_a, center - a
-    length = np.linalg.norm(axis, axis=1)
-    size = np.where(length > 0.0, length, 1.0)
-    unit, slope = axis / size[:, None], drop / size
-    along = np.einsum("ni,ni->n", away, unit)
-    # The normal of a cone leans by its slope; where one end's ball holds the other's it is the nearest.
-    lean = slope / np.sqrt(np.maximum(1.0 - slope**2, TINY))
-    along += lean * np.linalg.norm(away - along[:, None] * unit, axis=1)
-    share = np.where(length > 0.0, np.clip(along / size, 0.0, 1.0), drop > 0.0)
-    return a + share[:, None] * axis, radius_a + share * drop
-
-
 def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS) -> FloatArray:
     """Shares [0 to 1] of some axes where a convex distance is least, by where it `falls`, shape (count,)."""
     low, high = np.zeros(count), np.ones(count)
@@ -185,34 +213,17 @@ def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray], halvings
     return np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, 0.5 * (low + high)))
 
 
-class RoundCones(NamedTuple):
-    """Bodies of hands at some ticks: phalanges, and the palm's spheres, cones without length."""
-
-    a: FloatArray  # start of each axis [m] (T, B, 3)
-    b: FloatArray
-    radius_a: FloatArray  # [m] (B,)
-    radius_b: FloatArray
-
-
-def round_cones(hand: OwnHand, posed: Posed) -> RoundCones:
-    """Return the bodies of some hands."""
-    parts = slice(3), slice(1, 4)
-    a, b = (np.concatenate([posed.joints[:, :, some].reshape(-1, PALM, 3), posed.palm], axis=1) for some in parts)
-    return RoundCones(a, b, *(np.append(hand.radius[:, some].ravel(), hand.palm_radius) for some in parts))
-
-
-def _searched(hand: OwnHand, posed: Posed, pieces: Places, fingers: BoolArray, near: float) -> tuple[FloatArray, ...]:
-    """Ends (N, 3), radii at both and larger radii (N,) of all bodies [m]; the latter are -inf for those left out.
+def _searched(
+    hand: OwnHand, posed: Posed, pieces: Places, fingers: BoolArray, near: float
+) -> tuple[RoundCones, FloatArray]:
+    """Return all bodies, and the distance [m] (N,) within which they are searched: -inf for those left out.
 
     These are the fingers not in `fingers` (5,), and a palm that is far as a whole.
     """
-    of, ticks = round_cones(hand, posed), len(posed.joints)
     reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near
-    used = np.broadcast_to(pieces.counts(posed.position, reach)[:, None] > 0, of.a.shape[:2]).copy()
+    used = np.repeat(pieces.counts(posed.position, reach)[:, None] > 0, PALM + len(hand.palm_radius), axis=1)
     used[:, :PALM] = np.repeat(fingers, 3)
-    thick = np.where(used, np.maximum(of.radius_a, of.radius_b), -np.inf)
-    ends = of.a.reshape(-1, 3), of.b.reshape(-1, 3)
-    return *ends, np.tile(of.radius_a, ticks), np.tile(of.radius_b, ticks), thick.ravel()
+    return own_cones(hand, posed), np.where(used.ravel(), near, -np.inf)
 
 
 def _of_hands(hand: OwnHand, pairs: Pairs) -> Pairs:
@@ -277,40 +288,30 @@ def triangle_places(triangles: FloatArray) -> Places:
 
 
 def cones_near_triangles(
-    a: FloatArray,
-    b: FloatArray,
-    radius_a: FloatArray,
-    radius_b: FloatArray,
-    thick: FloatArray,
-    triangles: ReadyTriangles,
-    places: Places,
-    near: float | FloatArray,
+    cones: RoundCones, triangles: ReadyTriangles, places: Places, near: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Find the round cones and triangles that are no more than `near` [m] apart.
 
     Args:
-        a: One end of each axis [m], shape (N, 3).
-        b: The other end.
-        radius_a: Radius at `a` [m], shape (N,).
-        radius_b: Radius at `b`.
-        thick: The larger radius [m]; -inf leaves a cone out.
+        cones: N round cones.
         triangles: All triangles.
         places: Where they are.
-        near: A number, or one for each cone, shape (N,).
+        near: A number for each cone, shape (N,); -inf leaves it out.
 
     Returns:
         Of each pair the indices of cone and triangle, the share of the axis where the cone is nearest, and the signed
         distance [m]. An axis that passes through the triangle has the distance minus the cone's radius there.
     """
-    near = np.broadcast_to(near, thick.shape)
-    row, face = near_rows(a, b, thick + near, places, 0.0)
-    row, face = _not_apart(a, b, thick + near, triangles, row, face)
+    reach = cones.thick + near
+    row, face = near_rows(cones, reach, places)
+    row, face = _not_apart(cones, reach, triangles, row, face)
     share = distance = np.zeros(0)
     for halvings in (FEW, HALVINGS):
-        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
+        of = cones.at(row)
+        axis, drop = of.b - of.a, of.radius_b - of.radius_a
         long = np.asarray(axis.any(axis=1))
         some_drop, ready = drop[long], triangles.at(face[long])
-        start, along = np.ascontiguousarray(a[row][long].T), np.ascontiguousarray(axis[long].T)
+        start, along = np.ascontiguousarray(of.a[long].T), np.ascontiguousarray(axis[long].T)
 
         def falls(share: FloatArray, of: Any = (ready, start, along, some_drop)) -> BoolArray:
             away = away_from_triangles(of[0], of[1] + share * of[2])
@@ -319,7 +320,7 @@ def cones_near_triangles(
         # Of an axis without length the larger ball is nearest.
         share = np.where(drop > 0.0, 1.0, 0.0)
         share[long] = lowest_places(len(some_drop), falls, halvings)
-        place, size = a[row] + share[:, None] * axis, radius_a[row] + share * drop
+        place, size = of.balls(share)
         distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
         # The nearest place is within one last interval, and the distance falls by no more on the way there.
         last = 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
@@ -338,33 +339,31 @@ def near_triangle_pairs(
     """
 
     def search(some: Posed) -> Pairs:
-        a, b, radius_a, radius_b, thick = _searched(hand, some, places, fingers, near)
-        row, face, share, _ = cones_near_triangles(a, b, radius_a, radius_b, thick, triangles, places, near)
-        axis, drop = (b - a)[row], (radius_b - radius_a)[row]
-        long = np.asarray(axis.any(axis=1))
+        cones, within = _searched(hand, some, places, fingers, near)
+        row, face, share, _ = cones_near_triangles(cones, triangles, places, within)
+        long = (cones.a != cones.b).any(axis=1)[row]
         ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
         rows = np.concatenate([np.arange(len(row)), *ends])
         at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
-        of = row[rows]
-        place, size = a[of] + at[:, None] * axis[rows], radius_a[of] + at * drop[rows]
+        place, size = cones.at(row[rows]).balls(at)
         away = away_from_triangles(triangles.at(face[rows]), place.T).T
-        return _of_hands(hand, ball_pairs(of, face[rows], place, size, away, 0.0, near))
+        return _of_hands(hand, ball_pairs(row[rows], face[rows], place, size, away, 0.0, near))
 
     return _by_chunks(posed, search)
 
 
 def _not_apart(
-    a: FloatArray, b: FloatArray, thick: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
+    cones: RoundCones, reach: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Rows of capsules and triangles that no plane of the triangle separates: its own, or one at a side."""
+    """Rows of axes and triangles that no plane of the triangle, its own or one at a side, keeps `reach` [m] apart."""
     for across, start in ((triangles.normal, triangles.start[0]), *zip(-triangles.inward, triangles.start)):
         length = np.sqrt((across * across).sum(axis=0))
         unit = (across / np.where(length > 0.0, length, 1.0)).T[face]
-        first, last = (((at[row] - start.T[face]) * unit).sum(axis=1) for at in (a, b))
+        first, last = (((at[row] - start.T[face]) * unit).sum(axis=1) for at in cones[:2])
         apart = np.minimum(first, last)
         if across is triangles.normal:
             apart = np.maximum(apart, -np.maximum(first, last))
-        kept = apart <= thick[row]
+        kept = apart <= reach[row]
         row, face = row[kept], face[kept]
     return row, face
 
@@ -409,10 +408,10 @@ def meetings(hand: OwnHand, posed: Posed, may: BoolArray, near: float) -> Pairs:
 
     A pair's `leaf` is its second body, towards which the first one's normal points back.
     """
-    bodies, spheres = round_cones(hand, posed), len(hand.palm_radius)
+    spheres = len(hand.palm_radius)
     couples = np.zeros((PALM + spheres, PALM + spheres), bool)
     couples[:PALM] = np.concatenate([may[:, :PALM], np.repeat(may[:, PALM:], spheres, axis=1)], axis=1)
-    return _between(bodies, bodies, couples, near)
+    return _between((hand, hand), (posed, posed), couples, near)
 
 
 def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: float | FloatArray) -> Pairs:
@@ -420,33 +419,36 @@ def meetings_of_two(hands: Sequence[OwnHand], posed: Sequence[Posed], near: floa
 
     `near` is a number, or has one for each tick, shape (T,).
     """
-    one, other = (round_cones(hand, at) for hand, at in zip(hands, posed))
-    return _between(one, other, np.ones((len(one.radius_a), len(other.radius_a)), bool), near)
+    bodies = (PALM + len(hand.palm_radius) for hand in hands)
+    return _between(hands, posed, np.ones(tuple(bodies), bool), near)
 
 
-def _between(one: RoundCones, other: RoundCones, couples: BoolArray, near: float | FloatArray) -> Pairs:
-    """Find the pairs in `couples`, shape (B, C), of two sets of round cones that are at most `near` [m] apart."""
-    near, found = np.broadcast_to(near, len(one.a)), []
-    for start in range(0, max(len(one.a), 1), CHUNK):
-        within = near[start : start + CHUNK]
-        (a, b), (c, d) = ((of.a[start : start + CHUNK], of.b[start : start + CHUNK]) for of in (one, other))
-        sizes = [np.maximum(of.radius_a, of.radius_b) for of in (one, other)]
-        first_reach, second_reach = (0.5 * np.linalg.norm(y - x, axis=2) + r for x, y, r in zip((a, c), (b, d), sizes))
-        apart = np.linalg.norm(0.5 * ((a + b)[:, :, None] - (c + d)[:, None]), axis=3)
-        reach = first_reach[:, :, None] + second_reach[:, None] + within[:, None, None]
-        tick, first, second = np.nonzero(couples & (apart <= reach))
-        axis, drop = (b - a)[tick, first], (one.radius_b - one.radius_a)[first]
-        facing = partial(axis_places, c[tick, second], d[tick, second], other.radius_a[second], other.radius_b[second])
+def _between(hands: Sequence[OwnHand], posed: Sequence[Posed], couples: BoolArray, near: float | FloatArray) -> Pairs:
+    """Find the pairs in `couples`, shape (B, C), of two hands' round cones that are at most `near` [m] apart."""
+    ticks, found = len(posed[0].joints), list[Pairs]()
+    near = np.broadcast_to(near, ticks)
+    for start in range(0, max(ticks, 1), CHUNK):
+        part = slice(start, start + CHUNK)
+        within = near[part]
+        cones = [own_cones(hand, at.at(part)) for hand, at in zip(hands, posed)]
+        shapes = [(len(within), count) for count in couples.shape]
+        middle, other_middle = ((0.5 * (of.a + of.b)).reshape(*size, 3) for of, size in zip(cones, shapes))
+        reach, other_reach = (
+            (0.5 * np.linalg.norm(of.b - of.a, axis=1) + of.thick).reshape(size) for of, size in zip(cones, shapes)
+        )
+        apart = np.linalg.norm(middle[:, :, None] - other_middle[:, None], axis=3)
+        reach = reach[:, :, None] + other_reach[:, None] + within[:, None, None]
+        tick, *bodies = np.nonzero(couples & (apart <= reach))
+        one, other = (of.at(tick * size[1] + body) for of, size, body in zip(cones, shapes, bodies))
 
-        def falls(share: FloatArray, own: Any = (a[tick, first], axis, drop, facing)) -> BoolArray:
-            place = own[0] + share[:, None] * own[1]
-            away = place - own[3](place)[0]
-            return np.asarray((away * own[1]).sum(axis=1) < own[2] * np.linalg.norm(away, axis=1))
+        def falls(share: FloatArray, one: RoundCones = one, other: RoundCones = other) -> BoolArray:
+            place, axis, drop = one.balls(share)[0], one.b - one.a, one.radius_b - one.radius_a
+            away = place - other.nearest_balls(place)[0]
+            return np.asarray((away * axis).sum(axis=1) < drop * np.linalg.norm(away, axis=1))
 
-        share = lowest_places(len(tick), falls)
-        place, size = a[tick, first] + share[:, None] * axis, one.radius_a[first] + share * drop
-        across, radius = facing(place)
-        parts = np.minimum(first, PALM), np.minimum(second, PALM)
-        pairs = ball_pairs(parts[0], parts[1], place, size, place - across, radius, np.inf)._replace(tick=tick + start)
-        found.append(pairs.at(np.flatnonzero(pairs.distance <= within[tick])))
+        place, size = one.balls(lowest_places(len(tick), falls))
+        across, radius = other.nearest_balls(place)
+        first, second = np.minimum(bodies, PALM)
+        pairs = ball_pairs(first, second, place, size, place - across, radius, np.inf)
+        found.append(pairs._replace(tick=tick + start).at(np.flatnonzero(pairs.distance <= within[tick])))
     return joined(found)

@@ -11,7 +11,15 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.verify.contacts import BODIES, PALM, away_from_triangles, cones_near_triangles, ready_triangles
+from hhsim.verify.contacts import (
+    BODIES,
+    PALM,
+    RoundCones,
+    away_from_triangles,
+    cones_near_triangles,
+    ready_triangles,
+    round_cones,
+)
 from hhsim.verify.contacts import triangle_places as places_of
 from hhsim.verify.kinematics import rotations
 
@@ -101,6 +109,44 @@ class TrueSurface:
                 left = left[~same]
         return np.where(outward, distance, -distance)
 
+    def clearances(self, shape: "HandShape", placed: "PlacedHand", limit: float) -> FloatArray:
+        """Signed distance [m] of each body of hands to the mesh at each tick, at most `limit` [m], shape (T, 16).
+
+        Exact outside. No phalanx is deeper than its radius: the larger one where its axis's middle is inside, else that
+        where its axis passes through the surface.
+        """
+        found = np.empty((len(placed.joints), BODIES))
+        radius, palm_radius = np.asarray(shape.phalanx_radius), np.asarray(shape.palm_radius)
+        for start in range(0, len(found), HANDS):
+            joints, position, orientation = placed.at(slice(start, start + HANDS))
+            turned = rotations(orientation)[0].as_matrix()
+            palm = np.einsum("tij,pj->tpi", turned, shape.palm_center) + position[:, None]
+            cones = self.round_cones(round_cones(joints, palm, radius, palm_radius), limit).reshape(len(joints), -1)
+            found[start : start + HANDS, :PALM] = cones[:, :PALM]
+            found[start : start + HANDS, PALM] = cones[:, PALM:].min(axis=1)
+        return found
+
+    def round_cones(self, cones: RoundCones, limit: float) -> FloatArray:
+        """Signed distance [m] of round cones to the mesh, at most `limit` [m], shape (N,); see `clearances`."""
+        a, b, thick = cones.a, cones.b, cones.thick
+        middle, half = 0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1)
+        found = np.full(len(a), limit)
+        # Nothing is nearer than the box around the mesh.
+        box = np.linalg.norm(np.maximum(np.maximum(self.low - middle, middle - self.high), 0.0), axis=1)
+        near = np.flatnonzero(box - half - thick < limit)
+        of_middle = self.signed_distance(middle[near])
+        # A ball is as deep as its centre; an axis has no depth but its radius.
+        point = half[near] == 0.0
+        found[near[point]] = np.minimum(of_middle - thick[near], limit)[point]
+        inside = near[~point & (of_middle < 0.0)]
+        found[inside] = -thick[inside]
+        near, of_middle = near[~point & (of_middle >= 0.0)], of_middle[~point & (of_middle >= 0.0)]
+        some = cones.at(near)
+        reach = np.minimum(limit, of_middle - 0.5 * (some.radius_a + some.radius_b))
+        row, _, _, distance = cones_near_triangles(some, self.triangles, self.places, reach + ROUNDING)
+        np.minimum.at(found, near[row], distance)
+        return found
+
     def _pseudonormal(self, nearest: FloatArray, face: IntArray) -> FloatArray:
         """Normal of the face, edge or vertex that a point of a face lies on."""
         a, b, c = self.corners[face].transpose(1, 0, 2)
@@ -115,60 +161,6 @@ class TrueSurface:
             found[on_edge] = self.edge_normal[self._edge_of[face[on_edge], (k + 1) % 3]]
             on_vertex = ~gone[:, k] & (gone.sum(axis=1) >= 2)
             found[on_vertex] = self.vertex_normal[self._faces[face[on_vertex], k]]
-        return found
-
-
-class HandReferee:
-    """Distances of hands to one mesh [m], world, as of `TrueSurface`, which says what `open_too` is, and the errors."""
-
-    def __init__(self, mesh: Mesh, *, open_too: bool = False) -> None:
-        self.surface = TrueSurface(mesh, open_too=open_too)
-
-    def clearances(self, shape: "HandShape", placed: "PlacedHand", limit: float) -> FloatArray:
-        """Signed distance [m] of each body to the mesh at each tick, at most `limit` [m], shape (T, 16).
-
-        Exact outside. No phalanx is deeper than its radius: the larger one where its axis's middle is inside, else that
-        where its axis passes through the surface.
-        """
-        found = np.empty((len(placed.joints), BODIES))
-        palm_radius = np.asarray(shape.palm_radius)
-        parts = slice(3), slice(1, 4)
-        first, last = (np.append(shape.phalanx_radius[:, some], palm_radius) for some in parts)
-        for start in range(0, len(found), HANDS):
-            joints, position, orientation = placed.at(slice(start, start + HANDS))
-            turned = rotations(orientation)[0].as_matrix()
-            palm = np.einsum("tij,pj->tpi", turned, shape.palm_center) + position[:, None]
-            a, b = (np.concatenate([joints[:, :, some].reshape(-1, PALM, 3), palm], axis=1) for some in parts)
-            sizes = np.tile(first, len(joints)), np.tile(last, len(joints))
-            cones = self.round_cones(a.reshape(-1, 3), b.reshape(-1, 3), *sizes, limit).reshape(len(joints), -1)
-            found[start : start + HANDS, :PALM] = cones[:, :PALM]
-            found[start : start + HANDS, PALM] = cones[:, PALM:].min(axis=1)
-        return found
-
-    def round_cones(
-        self, a: FloatArray, b: FloatArray, radius_a: FloatArray, radius_b: FloatArray, limit: float
-    ) -> FloatArray:
-        """Signed distance [m] of hulls of two balls to the mesh, at most `limit` [m], shape (N,); see `clearances`.
-
-        Centres have shape (N, 3), radii (N,) [m].
-        """
-        surface, thick = self.surface, np.maximum(radius_a, radius_b)
-        middle, half = 0.5 * (a + b), 0.5 * np.linalg.norm(b - a, axis=1)
-        found = np.full(len(a), limit)
-        # Nothing is nearer than the box around the mesh.
-        box = np.linalg.norm(np.maximum(np.maximum(surface.low - middle, middle - surface.high), 0.0), axis=1)
-        near = np.flatnonzero(box - half - thick < limit)
-        of_middle = surface.signed_distance(middle[near])
-        # A ball is as deep as its centre; an axis has no depth but its radius.
-        point = half[near] == 0.0
-        found[near[point]] = np.minimum(of_middle - thick[near], limit)[point]
-        inside = near[~point & (of_middle < 0.0)]
-        found[inside] = -thick[inside]
-        near, of_middle = near[~point & (of_middle >= 0.0)], of_middle[~point & (of_middle >= 0.0)]
-        reach = np.minimum(limit, of_middle - 0.5 * (radius_a + radius_b)[near])
-        cones = a[near], b[near], radius_a[near], radius_b[near], thick[near]
-        row, _, _, distance = cones_near_triangles(*cones, surface.triangles, surface.places, reach + ROUNDING)
-        np.minimum.at(found, near[row], distance)
         return found
 
 

@@ -182,7 +182,7 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
     program, *arguments = shlex.split(steps["Gate"]["run"])
     assert (program, arguments[0]) == (".venv/bin/hhsim", "gate")
     context = command.make_context("gate", arguments[1:])
-    assert context.params["step_summary"]
+    assert steps["Summary"]["run"] == 'cat head/gate.md >> "$GITHUB_STEP_SUMMARY"' and context.params["markdown"]
     assert context.params["base_python"] == Path("../base/.venv/bin/python")
     assert context.params["base_folder"] == Path("../base")
     answer = subprocess.run(["sh", "-n", "-c", steps["Install both"]["run"]], capture_output=True, text=True)

@@ -114,23 +114,6 @@ class TestRipple:
         time = np.arange(300)[:, None] / RATE
         assert metrics.force_ripple(np.array([1.0, -20.0, 300.0]) + time * [100.0, 0.0, -7.0], RATE) < 1e-10
 
-    def test_the_worst_part_of_a_long_force_counts_and_none_spans_a_gap(self) -> None:
-        time = np.arange(5000) / RATE
-        shaking = (time >= 2.0) & (time < 2.5)
-        force = along(1, 3.0 + shaking * 0.2 * np.sin(2.0 * np.pi * 120.0 * time))
-        assert metrics.worst_force_ripple(force, RATE) == pytest.approx(0.2 / np.sqrt(2.0), rel=2e-2)
-        assert metrics.worst_force_ripple(force[:1900], RATE) < 1e-12
-        stepped = along(1, np.where(time < 1.6, 1.0, 3.0))
-        assert metrics.worst_force_ripple(stepped, RATE) > 0.1
-        assert metrics.worst_force_ripple(stepped, RATE, time == 1.6) < 1e-12
-        assert np.isnan(metrics.worst_force_ripple(force[:79], RATE))
-
-    @pytest.mark.parametrize("ticks", [80, 249, 250, 251, 374, 375, 376])
-    def test_the_end_of_a_force_is_looked_at_too(self, ticks: int) -> None:
-        force = along(1, np.sin(2.0 * np.pi * 100.0 * np.arange(ticks) / RATE) * (np.arange(ticks) >= ticks - 80))
-        last = metrics.force_ripple(force[-250:], RATE)
-        assert metrics.worst_force_ripple(force, RATE) >= last > 0.0
-
     def test_white_noise_gives_the_share_of_its_band_and_the_whole_spectrum_all_power(self) -> None:
         force = np.random.default_rng(3).normal(size=(50_000, 3))
         share = (400.0 - 50.0) / 500.0

@@ -52,12 +52,12 @@ def test_one_command_frees_both_hands_in_one_file(
         figures = found["hands"][side]["figures"]
         assert figures["depth_cones_max_before"] > 0.005 and figures["depth_cones_max_after"] == 0.0, side
     names = {path.name for path in tmp_path.iterdir()}
-    each = {f"free-{side}-{name}" for side in ("right", "left") for name in ("report.html", "worst.png")}
-    assert names == {"two.csv", "free.csv", "free-result.h5", *each}
-    results = list(load_result(tmp_path / "free-result.h5").hands.values())
-    assert [one.side for one in results] == ["right", "left"]
-    assert all(one.scene["trajectory"] == "two.csv" for one in results)
-    assert found["distance_of_hands"] > 0.0
+    each = {f"free-{side}-{name}" for side in ("right", "left") for name in ("report.html", "result.h5", "worst.png")}
+    assert names == {"two.csv", "free.csv", *each}
+    for side in ("right", "left"):
+        result = load_result(tmp_path / f"free-{side}-result.h5")
+        assert (result.side, result.scene["trajectory"]) == (side, "two.csv")
+        assert found["hands"][side]["result"] == f"free-{side}-result.h5"
     leave_pictures_white(monkeypatch)
     # Both are in the file: read again, neither is inside, and nothing is left to repair.
     again = run("repair", "free.csv", *words, "--out", "again.csv", "--json")

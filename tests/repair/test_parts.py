@@ -28,13 +28,12 @@ from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.projection import correct
+from hhsim.repair.projection import HandJudge, correct
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
-from hhsim.repair.tracks import HandJudge
+from hhsim.repair.tracks import repair_frames
 from hhsim.result.reader import Result, load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_object
@@ -44,7 +43,7 @@ from hhsim.scene.scene import Scene, tree_maker
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.mesh_distance import HandReferee
+from hhsim.verify.mesh_distance import TrueSurface
 
 HANDS = HAND, HandModel.default("left")
 TICKS = np.array([*range(0, 450, 50), 900, 1300, 1600, 1800, 1900, 2000, 2100, 2200, 2300])
@@ -109,7 +108,7 @@ def clearances(hand: HandModel, placed: PlacedHand, angle: FloatArray) -> FloatA
     lid = RigidMotion(turn, turned + HINGE + [0.0, 0.0, -0.007])
     sizes = (0.3, 0.21, 0.014), (0.3, 0.21, 0.006)
     found = [
-        HandReferee(box_mesh(size), open_too=True).clearances(hand_shape(hand), moved.seen_hand(placed), np.inf)
+        TrueSurface(box_mesh(size), open_too=True).clearances(hand_shape(hand), moved.seen_hand(placed), np.inf)
         for size, moved in zip(sizes, (still, lid))
     ]
     return np.asarray(np.array(found).min(axis=2))

@@ -16,9 +16,8 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import Correction, moved_joints
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.projection import Projection, correct
-from hhsim.repair.tracks import HandJudge
+from hhsim.repair.projection import HandJudge, Projection, correct
+from hhsim.repair.tracks import repair_frames
 from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
 
 LEFT = HandModel.default("left")
@@ -153,20 +152,6 @@ def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change(
     for before, after in zip(fitted, kept.posture):
         np.testing.assert_array_equal(before, after)
     np.testing.assert_array_equal(kept.joints, joints)
-
-
-def test_missing_joints_and_hands_stay_missing() -> None:
-    case = shape_case(trimesh.creation.icosphere(3, 0.03), held(4, 0.04))
-    joints = keypoints(HAND, case.frames)
-    joints[1, 5:9] = np.nan
-    lost = case.frames.copy()
-    lost.orientation[2] = np.nan
-    found = corrected(case._replace(frames=lost), joints)
-    np.testing.assert_array_equal(np.isnan(found.correction.joints), np.isnan(joints))
-    np.testing.assert_array_equal(np.isnan(found.depth), np.arange(4) == 2)
-    assert not found.correction.changed[2]
-    assert not found.marked.any()
-    assert found.correction.changed[[0, 1, 3]].all()
 
 
 @settings(max_examples=24)

@@ -22,10 +22,10 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.recordings.registry import ReadOptions, read_recording
 from hhsim.repair.follow import FollowedFrame
-from hhsim.repair.offline import repair_frames
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
+from hhsim.repair.tracks import repair_frames
 from hhsim.result.reader import load_result
 from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
@@ -95,7 +95,7 @@ def test_the_same_file_comes_out_without_penetration(freed: tuple[RepairRequest,
     posture = HandConfiguration(*(result[f"graphic/{name}"] for name in HandConfiguration._fields))
     assert referee_clearance(hand, load_object("sphere").mesh, forward_kinematics(hand, *posture)) > -1e-3
     page = read_page(request.beside(REPORT).read_text())
-    assert not page.all("script") and len(page.all("img")) == 2
+    assert not page.all("script") and len(page.all("img")) == 1
     assert request.beside(PICTURE).read_bytes().startswith(b"\x89PNG")
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.repair.offline import NO_HAND, choose_tracks
+from hhsim.repair.tracks import NO_HAND, choose_tracks
 
 WEIGHT = 5.0
 

@@ -23,7 +23,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.mesh_distance import CLOSE, HandReferee
+from hhsim.verify.mesh_distance import CLOSE, TrueSurface
 
 RIGHT = HandModel.default("right")
 FAR = [50.0, 50.0, 50.0]
@@ -151,4 +151,4 @@ def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> Non
         assert record_clearance(RIGHT, tree, record).min() >= 0.0
     else:
         shown = PlacedHand(record.joints, record.position, record.orientation)
-        assert -CLOSE < HandReferee(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5
+        assert -CLOSE < TrueSurface(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5

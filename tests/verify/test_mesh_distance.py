@@ -1,4 +1,4 @@
-"""The referee's distances against closed forms, brute force, hhsim's kernels and, where it is installed, coal."""
+"""The referee's distances against closed forms, brute force and hhsim's kernels."""
 
 import numpy as np
 import pytest
@@ -13,9 +13,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.contacts import PALM, axis_places
-from hhsim.verify.depth_checks import EXACT, coal_distance, has_coal
-from hhsim.verify.mesh_distance import HandReferee, TrueSurface
+from hhsim.verify.contacts import PALM, RoundCones
+from hhsim.verify.mesh_distance import TrueSurface
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")
@@ -31,13 +30,13 @@ def over(height: float) -> PlacedHand:
     )
 
 
-def one_cone(referee: HandReferee, a: Points, b: Points, radius_a: float, radius_b: float, limit: float) -> float:
-    (found,) = referee.round_cones(a[None], b[None], np.array([radius_a]), np.array([radius_b]), limit)
+def one_cone(referee: TrueSurface, a: Points, b: Points, radius_a: float, radius_b: float, limit: float) -> float:
+    (found,) = referee.round_cones(RoundCones(a[None], b[None], np.array([radius_a]), np.array([radius_b])), limit)
     return float(found)
 
 
 def test_an_axis_that_is_inside_is_in_by_its_radius() -> None:
-    referee, a = HandReferee(MESH), np.array([-0.01, 0.0, 0.0])
+    referee, a = TrueSurface(MESH), np.array([-0.01, 0.0, 0.0])
     assert one_cone(referee, a, np.array([0.01, 0.0, 0.0]), 0.004, 0.003, FAR) == -0.004
     through = one_cone(referee, a, np.array([0.01, 0.0, 0.1]), 0.004, 0.003, FAR)
     assert through == pytest.approx(-0.0038), "its radius where it passes through the top, a fifth along"
@@ -63,7 +62,7 @@ def test_a_needle_in_a_mesh_leaves_it_its_inside() -> None:
 @pytest.mark.parametrize("name", ["bunny", "cube"])
 def test_a_whole_hand_is_where_the_kernels_have_it(name: str) -> None:
     mesh = load_object(name).mesh
-    referee, bvh = HandReferee(mesh), build_mesh_bvh(mesh.vertices, mesh.faces)
+    referee, bvh = TrueSurface(mesh), build_mesh_bvh(mesh.vertices, mesh.faces)
     top = float(mesh.bounds[1, 2])
     signs = set()
     for height in np.linspace(top + 0.01, top + 0.1, 16):
@@ -96,7 +95,7 @@ def test_a_triangle_without_area_is_as_far_as_its_line(name: str) -> None:
         mesh = Mesh(np.array([a, b, c]), np.array([[0, 1, 2]]))
         first, last = (a + bound * (b - a) for bound in (min(share, 0.0), max(share, 1.0)))
         expected = pytest.approx(from_segment(point, first, last) - 0.002, abs=3e-9)
-        assert one_cone(HandReferee(mesh, open_too=True), point, point, 0.002, 0.002, np.inf) == expected
+        assert one_cone(TrueSurface(mesh, open_too=True), point, point, 0.002, 0.002, np.inf) == expected
 
 
 lengths = st.floats(-0.05, 0.05).map(lambda x: round(x, 4))
@@ -110,7 +109,7 @@ def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
     corners: tuple[Points, Points, Points], a: Points, b: Points, radius_a: float, radius_b: float
 ) -> None:
     mesh = Mesh(np.array(corners), np.array([[0, 1, 2]]))
-    referee = HandReferee(mesh, open_too=True)
+    referee = TrueSurface(mesh, open_too=True)
     found = one_cone(referee, a, b, radius_a, radius_b, np.inf)
     share = np.linspace(0.0, 1.0, 201)[:, None]
     balls = trimesh.triangles.closest_point(np.tile(mesh.triangles, (201, 1, 1)), a + share * (b - a))
@@ -119,19 +118,6 @@ def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
     ).min()
     between = 0.5 / 200 * (np.linalg.norm(b - a) + abs(radius_b - radius_a))
     assert least - between - 1e-9 <= found <= least + 1e-9
-    if has_coal() and referee.surface.triangles.solid[0]:
-        assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, mesh.triangles[0]), abs=2 * EXACT)
-
-
-@given(places, radii, places, places, radii, radii)
-@pytest.mark.skipif(not has_coal(), reason="coal is not installed: pip install 'hhsim[verify]'")
-def test_a_round_cone_is_as_far_from_a_sphere_as_coal_has_it(
-    center: Points, radius: float, a: Points, b: Points, radius_a: float, radius_b: float
-) -> None:
-    ends = a[None], b[None], np.array([radius_a]), np.array([radius_b]), center[None]
-    place, size = axis_places(*ends)
-    found = float(np.linalg.norm(place - center) - size[0] - radius)
-    assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, center, radius), abs=2 * EXACT)
 
 
 def from_segment(point: Points, a: Points, b: Points) -> float:

@@ -53,7 +53,7 @@ def _as_it_comes(row: Row) -> bool:
 def _errors(stage: Stage, hands: int) -> Callable[[Result], dict[str, float]]:
     """Return what measures a run: its depth in the true mesh at so many ticks, and its distance from the optimum."""
     optimum = placed_of(best_hands(stage.hand, stage.surface, SolverOptions(), HandConfiguration.of(stage.ticks)))
-    shape, contact, closed = hand_shape(stage.hand), np.flatnonzero(stage.contact), stage.referee.surface.closed
+    shape, contact, closed = hand_shape(stage.hand), np.flatnonzero(stage.contact), stage.referee.closed
 
     def measured(result: Result) -> dict[str, float]:
         deepest = [int(np.nanargmax(result["penetration_depth"]))]

@@ -54,7 +54,8 @@ def field_rows(pair: FieldPair) -> tuple[FieldRow, ...]:
     """Compute every figure that is defined for one of the two hands, in the order of the table."""
     rows = []
     for metric in field_metrics().values():
-        before, after = metric.compute(pair)
+        before = math.nan if metric.of_repair else metric.compute(pair, pair.recorded)
+        after = metric.compute(pair, pair.repaired)
         if not (math.isnan(before) and math.isnan(after)):
             stated = metric.parameters if isinstance(metric.parameters, str) else metric.parameters(pair)
             rows.append(FieldRow(metric, before, after, stated))
@@ -70,9 +71,8 @@ def field_table(rows: Sequence[FieldRow], title: str = "", doubts: Sequence[str]
         words("unit", "figure.unit"),
         words("parameters"),
     ]
-    unknown = math.nan, math.nan
-    doubted = FieldMetric("object", "the object is in doubt", compute=lambda _: unknown)
-    first = [FieldRow(doubted, *unknown, doubt) for doubt in doubts]
+    doubted = FieldMetric("object", "the object is in doubt", compute=lambda *_: math.nan)
+    first = [FieldRow(doubted, math.nan, math.nan, doubt) for doubt in doubts]
     return Table(columns, [*first, *rows], title)
 
 

@@ -12,8 +12,9 @@ depth, as EgoPHI's is (-k d n).
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.metrics.field.hands import FieldHands, FieldPair
 from hhsim.metrics.field.volume import SEGMENTS, volumes
-from hhsim.metrics.run_metric import Figure
+from hhsim.metrics.run_metric import Figure, each_with
 
 THRESHOLDS = (0.005, 0.002)
 """Largest distance of a contact from the object's surface [m]."""
@@ -37,19 +38,9 @@ Statistic = Callable[[FloatArray], float]
 class FieldMetric(Figure):
     """Figure of a recorded hand and its repair, in SI units, or in % where it is defined so."""
 
-    # Figure of the recorded hand and of the repaired one, NaN where it is undefined.
-    compute: Callable[[FieldPair], tuple[float, float]]
+    compute: Callable[[FieldPair, FieldHands], float]  # figure of one of the pair's hands; NaN where it is undefined
+    of_repair: bool = False  # True for one that compares both hands: the recorded one has none
     parameters: str | Callable[[FieldPair], str] = ""  # parameters of the definition, as the table prints them
-
-
-def of_each(compute: Callable[[FieldHands], float]) -> Callable[[FieldPair], tuple[float, float]]:
-    """Return the computation of a figure that each hand has by itself."""
-    return lambda pair: (compute(pair.recorded), compute(pair.repaired))
-
-
-def of_repair(compute: Callable[[FieldPair], float]) -> Callable[[FieldPair], tuple[float, float]]:
-    """Return the computation of a figure that compares both hands: the recorded one has none."""
-    return lambda pair: (math.nan, compute(pair))
 
 
 def mean(values: FloatArray) -> float:
@@ -71,22 +62,6 @@ def depths(distance: FloatArray | None) -> FloatArray:
     return np.asarray(np.maximum(-distance.reshape(len(distance), -1).min(axis=1), 0.0))
 
 
-def frames_in_contact(hands: FieldHands, threshold: float) -> float:
-    """Compute the share of frames whose hand is in contact [%]."""
-    return 100.0 * mean(np.where(hands.known, hands.distance <= threshold, np.nan))
-
-
-def fingertips_in_contact(hands: FieldHands, threshold: float) -> float:
-    """Compute the share of frames and fingertips in contact [%]."""
-    return 100.0 * mean(np.where(hands.known[:, None], hands.finger_distance <= threshold, np.nan))
-
-
-def contacts_kept(pair: FieldPair, threshold: float) -> float:
-    """Compute the share of the recording's contacts of a frame and a fingertip that the repair has [%]; NaN if none."""
-    before, after = (hands.finger_distance[pair.known] <= threshold for hands in pair.both)
-    return 100.0 * float(after[before].mean()) if before.any() else math.nan
-
-
 def derivative_norm(time: FloatArray, points: FloatArray, order: int) -> float:
     """Compute the mean norm of a derivative of points, shape (T, n, 3), by divided differences at the stamps [s].
 
@@ -98,22 +73,6 @@ def derivative_norm(time: FloatArray, points: FloatArray, order: int) -> float:
         with np.errstate(invalid="ignore", divide="ignore"):
             found = np.where(span > 0.0, np.diff(found, axis=0) / span, np.nan)
     return math.factorial(order) * mean(np.linalg.norm(found, axis=-1))
-
-
-def acceleration(hands: FieldHands) -> float:
-    """Compute the mean norm of the joints' acceleration in the world [m/s²]."""
-    return derivative_norm(hands.time, hands.world_joints, 2)
-
-
-def jerk(hands: FieldHands) -> float:
-    """Compute the mean norm of the joints' jerk in the world [m/s³]."""
-    return derivative_norm(hands.time, hands.world_joints, 3)
-
-
-def acceleration_ratio(pair: FieldPair) -> float:
-    """Compute the acceleration after over that before; NaN for a hand that does not accelerate."""
-    before, after = map(acceleration, pair.both)
-    return after / before if before > 0.0 else math.nan
 
 
 def joint_shift(pair: FieldPair) -> FloatArray:
@@ -128,24 +87,55 @@ def was_inside(pair: FieldPair) -> BoolArray:
     return np.asarray(np.minimum(hands.distance, hands.joint_distance.min(axis=1)) < -INSIDE)
 
 
-def _median_inside(pair: FieldPair) -> float:
+def _depth(
+    statistic: Statistic, distance: Callable[[FieldHands], FloatArray | None], _: FieldPair, hands: FieldHands
+) -> float:
+    return statistic(depths(distance(hands)))
+
+
+def _volume(statistic: Statistic, pair: FieldPair, hands: FieldHands) -> float:
+    return statistic(volumes(hands, pair.volume_frames))
+
+
+def _motion(order: int, _: FieldPair, hands: FieldHands) -> float:
+    """Mean norm of the joints' acceleration [m/s²], of order 2, or jerk [m/s³], of order 3, in the world."""
+    return derivative_norm(hands.time, hands.world_joints, order)
+
+
+def _acceleration_ratio(pair: FieldPair, _: FieldHands) -> float:
+    before, after = (_motion(2, pair, hands) for hands in pair.both)
+    return after / before if before > 0.0 else math.nan
+
+
+def _frames_in_contact(limit: float, _: FieldPair, hands: FieldHands) -> float:
+    return 100.0 * mean(np.where(hands.known, hands.distance <= limit, np.nan))
+
+
+def _fingertips_in_contact(limit: float, _: FieldPair, hands: FieldHands) -> float:
+    return 100.0 * mean(np.where(hands.known[:, None], hands.finger_distance <= limit, np.nan))
+
+
+def _contacts_kept(limit: float, pair: FieldPair, _: FieldHands) -> float:
+    """Share of the recording's contacts of a frame and a fingertip that the repair has [%]; NaN if none."""
+    before, after = (hands.finger_distance[pair.known] <= limit for hands in pair.both)
+    return 100.0 * float(after[before].mean()) if before.any() else math.nan
+
+
+def _shift_inside(pair: FieldPair, _: FieldHands) -> float:
     values = joint_shift(pair).mean(axis=1)[was_inside(pair)]
     finite = values[np.isfinite(values)]
     return float(np.median(finite)) if finite.size else math.nan
 
 
-def vertex_error(pair: FieldPair) -> float:
-    """Compute the mean distance of the skin's vertices from the recorded ones [m]; NaN without skins."""
+def _shift_of_skin(pair: FieldPair, _: FieldHands) -> float:
     if pair.recorded.skin is None or pair.repaired.skin is None:
         return math.nan
     return mean(np.linalg.norm(pair.repaired.skin - pair.recorded.skin, axis=2)[pair.known])
 
 
-def pressing_force(pair: FieldPair, finger: int) -> float:
-    """Compute the mean force of a finger over the frames in which it presses [N]; NaN if it never does."""
-    if pair.force is None:
-        return math.nan
-    force = pair.force[:, finger]
+def _pressing_force(finger: int, pair: FieldPair, _: FieldHands) -> float:
+    """Mean force of a finger over the frames in which it presses [N]; NaN if it never does."""
+    force = np.zeros(0) if pair.force is None else pair.force[:, finger]
     return mean(force[force > 0.0])
 
 
@@ -162,72 +152,73 @@ def _rate_words(pair: FieldPair) -> str:
     return f"{1.0 / float(np.median(steps)):.4g} Hz" if steps.size else ""
 
 
-def _depth_figures(
-    name: str, words: str, distance: Callable[[FieldHands], FloatArray | None]
-) -> tuple[FieldMetric, FieldMetric]:
-    most, usual = of_each(lambda hands: largest(depths(distance(hands)))), of_each(lambda h: mean(depths(distance(h))))
-    return (
-        FieldMetric(f"depth_{name}_max", f"PD, {name}, max", 3, "mm", compute=most, parameters=words),
-        FieldMetric(f"depth_{name}_mean", f"PD, {name}, mean of frames", 3, "mm", compute=usual, parameters=words),
-    )
-
-
-def _volume_figure(name: str, label: str, statistic: Statistic) -> FieldMetric:
-    def compute(pair: FieldPair) -> tuple[float, float]:
-        before, after = (statistic(volumes(hands, pair.volume_frames)) for hands in pair.both)
-        return before, after
-
-    return FieldMetric(name, label, 3, "cm³", compute=compute, parameters=_volume_words)
-
-
-def _contact_figures(limit: float) -> Iterator[FieldMetric]:
-    size, within = f"{1e3 * limit:g}mm", f"within {1e3 * limit:g} mm"
-    hand, tips = "any point of the hand, inside counts", "distal phalanges, inside counts"
-    for name, label, words, compute in (
-        ("frames_in_contact", "frames", hand, of_each(lambda hands: frames_in_contact(hands, limit))),
-        ("fingertips_in_contact", "fingertips", tips, of_each(lambda hands: fingertips_in_contact(hands, limit))),
-        ("contacts_kept", "contacts kept", tips, of_repair(lambda pair: contacts_kept(pair, limit))),
-    ):
-        label, name = f"{label} {within}", f"{name}_{size}"
-        yield FieldMetric(name, label, 1, "%", compute=compute, parameters=words, less_is_better=False)
-
-
-def _repair_figure(name: str, label: str, unit: str, words: str, compute: Callable[[FieldPair], float]) -> FieldMetric:
-    return FieldMetric(name, label, 3, unit, parameters=words, compute=of_repair(compute))
-
-
-def _force_figure(finger: int) -> FieldMetric:
-    label = f"force of the {FINGERS[finger]} where it presses, mean"
-    return _repair_figure(
-        f"force_{FINGERS[finger]}", label, "N", "of the coupling", lambda pair: pressing_force(pair, finger)
-    )
-
-
+STATISTICS = ("max", "max", largest), ("mean", "mean of frames", mean)
+SURFACES: tuple[tuple[str, str, Callable[[FieldHands], FloatArray | None]], ...] = (
+    ("joints", "21 joint centres", lambda hands: hands.joint_distance),
+    ("skin", "vertices of the skin", lambda hands: hands.skin_distance),
+    ("cones", "surface of cones and palm spheres", lambda hands: hands.cone_distance),
+)
+CONTACTS: tuple[tuple[str, str, str, Callable[[float, FieldPair, FieldHands], float]], ...] = (
+    ("frames_in_contact", "frames", "any point of the hand, inside counts", _frames_in_contact),
+    ("fingertips_in_contact", "fingertips", "distal phalanges, inside counts", _fingertips_in_contact),
+    ("contacts_kept", "contacts kept", "distal phalanges, inside counts", _contacts_kept),
+)
 METRICS = (
-    *_depth_figures("joints", "21 joint centres", lambda hands: hands.joint_distance),
-    *_depth_figures("skin", "vertices of the skin", lambda hands: hands.skin_distance),
-    *_depth_figures("cones", "surface of cones and palm spheres", lambda hands: hands.cone_distance),
-    _volume_figure("volume_exact_mean", "IV, exact, mean of frames", mean),
-    _volume_figure("volume_exact_max", "IV, exact, max", largest),
-    *_contact_figures(THRESHOLDS[0]),
-    *_contact_figures(THRESHOLDS[1]),
-    FieldMetric("acceleration", "ACC", 3, "m/s²", compute=of_each(acceleration), parameters=_rate_words),
-    FieldMetric("jerk", "jerk", 1, "m/s³", compute=of_each(jerk), parameters=_rate_words),
-    FieldMetric(RATIO, "ACC, after over before", 3, compute=of_repair(acceleration_ratio), parameters=_rate_words),
-    _repair_figure("mpjpe", "MPJPE", "mm", "21 joints", lambda pair: mean(joint_shift(pair))),
-    _repair_figure("mpvpe", "MPVPE", "mm", "vertices of the skin", vertex_error),
-    _repair_figure(
-        "correction_inside", "MPJPE, median of frames that were inside", "mm", "21 joints", _median_inside
+    *(
+        FieldMetric(
+            f"depth_{name}_{kind}", f"PD, {name}, {label}", 3, "mm", parameters=words,
+            compute=partial(_depth, of, distance),
+        )
+        for name, words, distance in SURFACES
+        for kind, label, of in STATISTICS
     ),
-    _repair_figure(
-        "correction_outside", "MPJPE, frames that needed nothing", "mm", "21 joints",
-        lambda pair: mean(joint_shift(pair)[~was_inside(pair)]),
+    *(
+        FieldMetric(
+            f"volume_exact_{kind}", f"IV, exact, {label}", 3, "cm³", parameters=_volume_words,
+            compute=partial(_volume, of),
+        )
+        for kind, label, of in STATISTICS[::-1]
     ),
-    _repair_figure(LARGEST, "correction of a joint, max", "mm", "21 joints", lambda pair: largest(joint_shift(pair))),
-    *map(_force_figure, range(len(FINGERS))),
-    _repair_figure(
-        "force_max", "force of a finger, max", "N", "of the coupling",
-        lambda pair: math.nan if pair.force is None else largest(pair.force),
+    *(
+        FieldMetric(
+            f"{name}_{1e3 * limit:g}mm", f"{label} within {1e3 * limit:g} mm", 1, "%", less_is_better=False,
+            compute=partial(compute, limit), of_repair=compute is _contacts_kept, parameters=words,
+        )
+        for limit in THRESHOLDS
+        for name, label, words, compute in CONTACTS
+    ),
+    FieldMetric("acceleration", "ACC", 3, "m/s²", compute=partial(_motion, 2), parameters=_rate_words),
+    FieldMetric("jerk", "jerk", 1, "m/s³", compute=partial(_motion, 3), parameters=_rate_words),
+    *each_with(
+        FieldMetric(RATIO, "ACC, after over before", 3, compute=_acceleration_ratio, parameters=_rate_words),
+        FieldMetric(
+            "mpjpe", "MPJPE", 3, "mm", parameters="21 joints", compute=lambda pair, _: mean(joint_shift(pair))
+        ),
+        FieldMetric("mpvpe", "MPVPE", 3, "mm", parameters="vertices of the skin", compute=_shift_of_skin),
+        FieldMetric(
+            "correction_inside", "MPJPE, median of frames that were inside", 3, "mm", parameters="21 joints",
+            compute=_shift_inside,
+        ),
+        FieldMetric(
+            "correction_outside", "MPJPE, frames that needed nothing", 3, "mm", parameters="21 joints",
+            compute=lambda pair, _: mean(joint_shift(pair)[~was_inside(pair)]),
+        ),
+        FieldMetric(
+            LARGEST, "correction of a joint, max", 3, "mm", parameters="21 joints",
+            compute=lambda pair, _: largest(joint_shift(pair)),
+        ),
+        *(
+            FieldMetric(
+                f"force_{name}", f"force of the {name} where it presses, mean", 3, "N", parameters="of the coupling",
+                compute=partial(_pressing_force, finger),
+            )
+            for finger, name in enumerate(FINGERS)
+        ),
+        FieldMetric(
+            "force_max", "force of a finger, max", 3, "N", parameters="of the coupling",
+            compute=lambda pair, _: largest(np.zeros(0) if pair.force is None else pair.force),
+        ),
+        of_repair=True,
     ),
 )  # fmt: skip
 """Every figure, in the order of the table."""

@@ -91,7 +91,7 @@ class Bodies:
 class FieldHands:
     """Hand at each frame of a recording, in the object's frame.
 
-    The surface of the hand is its skin, its round cones and palm spheres, or both; without either it is its joints.
+    The surface of the hand is its skin, or its round cones and palm spheres; without either it is its joints.
     `shape` and `placed` go together, and `skin` and `faces`.
     """
 
@@ -141,24 +141,22 @@ class FieldHands:
     @cached_property
     def distance(self) -> FloatArray:
         """Least signed distance of the hand's surface to the object [m], shape (T,)."""
-        found = [] if self.cone_distance is None else [self.cone_distance]
-        if self.skin_distance is not None:
-            found.append(self.skin_distance.min(axis=1))
-        return np.asarray(np.min(found or [self.joint_distance.min(axis=1)], axis=0))
+        if self.cone_distance is not None:
+            return self.cone_distance
+        points = self.joint_distance if self.skin_distance is None else self.skin_distance
+        return np.asarray(points.min(axis=1))
 
     @cached_property
     def finger_distance(self) -> FloatArray:
         """Least signed distance of the surface of each distal phalanx to the object [m], (T, 5); < 0 for one inside."""
-        found = []
         if self.shape is not None and self.placed is not None:
             distal = self.bodies.tip_clearance(self.shape, self.placed)
-            found.append(np.where(self.known[:, None], distal, np.nan))
-        if self.skin_distance is not None:
-            bone = self._bone_of_vertex
-            # A skin that ends before a fingertip has no vertex there.
-            own = [self.skin_distance[:, bone == tip - 1] for tip in TIPS]
-            found.append(np.stack([part.min(axis=1, initial=np.inf) for part in own], axis=1))
-        return np.asarray(np.min(found or [self.joint_distance[:, TIPS]], axis=0))
+            return np.where(self.known[:, None], distal, np.nan)
+        if self.skin_distance is None:
+            return self.joint_distance[:, TIPS]
+        # A skin that ends before a fingertip has no vertex there.
+        own = [self.skin_distance[:, self._bone_of_vertex == tip - 1] for tip in TIPS]
+        return np.stack([part.min(axis=1, initial=np.inf) for part in own], axis=1)
 
     def _distance(self, points: FloatArray) -> FloatArray:
         distance = np.full(points.shape[:2], np.nan)

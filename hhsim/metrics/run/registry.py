@@ -1,10 +1,12 @@
 """Registry of every figure of a run: the `METRICS` of each module of this package."""
 
+import importlib
+import pkgutil
 from collections.abc import Collection
 from functools import cache
 
 import hhsim.metrics.run
-from hhsim.metrics.run_metric import RunMetric, declared_figures
+from hhsim.metrics.run_metric import RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 from hhsim.result.schema import TICK_COLUMNS
 
@@ -12,7 +14,14 @@ from hhsim.result.schema import TICK_COLUMNS
 @cache
 def run_metrics() -> dict[str, RunMetric]:
     """Return every figure by its name, in the order of the table; ValueError for one declared twice or in part."""
-    metrics: dict[str, RunMetric] = declared_figures(hhsim.metrics.run)
+    package = hhsim.metrics.run
+    names = [module.name for module in pkgutil.iter_modules(package.__path__)]
+    found: list[RunMetric] = []
+    for name in (*package.ORDER, *(name for name in names if name not in package.ORDER)):
+        found += getattr(importlib.import_module(f"{package.__name__}.{name}"), "METRICS", ())
+    metrics = {metric.name: metric for metric in found}
+    if len(metrics) < len(found):
+        raise ValueError(f"two figures of one name among {sorted(metric.name for metric in found)}")
     strange = [metric.name for metric in metrics.values() if (metric.compute is None) != bool(metric.own_run)]
     if strange:
         raise ValueError(f"run metrics with both or neither of compute and own_run: {strange}")

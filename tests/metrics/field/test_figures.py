@@ -14,19 +14,7 @@ from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.field_table import FieldRow, field_rows
-from hhsim.metrics.field.figures import (
-    acceleration,
-    acceleration_ratio,
-    contacts_kept,
-    depths,
-    derivative_norm,
-    fingertips_in_contact,
-    frames_in_contact,
-    jerk,
-    joint_shift,
-    pressing_force,
-    was_inside,
-)
+from hhsim.metrics.field.figures import METRICS, depths, derivative_norm, joint_shift, was_inside
 from hhsim.metrics.field.hands import NEAR, TIPS, FieldHands, FieldPair, object_bvh
 from hhsim.metrics.field.volume import closed_skin, volumes
 
@@ -98,6 +86,7 @@ def skin_of_box() -> tuple[np.ndarray, np.ndarray]:
     return hands.skin[0], hands.faces
 
 
+UNDEFINED = FieldRow(METRICS[0], math.nan, math.nan, "")
 HEIGHT = st.floats(-0.02, 0.02).filter(lambda height: min(abs(height - at) for at in (0.002, 0.005)) > 1e-9)
 
 
@@ -114,13 +103,15 @@ def test_acceleration_and_jerk_of_a_sinusoid() -> None:
     # A central difference of order n turns sin(ωt) into (2 sin(ωΔ/2) / Δ)ⁿ times a sine or a cosine.
     factor = 2.0 * math.sin(0.5 * omega / rate) * rate
     expected = amplitude * factor**2 * np.abs(np.sin(omega * time[1:-1])).mean()
-    assert acceleration(hands) == pytest.approx(expected, rel=1e-9)
-    middles = 0.5 * (time[1:-2] + time[2:-1])
-    assert jerk(hands) == pytest.approx(amplitude * factor**3 * np.abs(np.cos(omega * middles)).mean(), rel=1e-9)
     doubled = FieldHands(time, joints_at(0.1, 60), box(), world=2.0 * world)
-    assert acceleration_ratio(FieldPair(hands, doubled)) == pytest.approx(2.0, rel=1e-12)
-    assert math.isnan(acceleration_ratio(FieldPair(hands_at(0.1, 5), hands_at(0.1, 5))))
-    assert rows_of(FieldPair(hands, doubled))["acceleration"].parameters == "60 Hz"
+    rows = rows_of(FieldPair(hands, doubled))
+    assert rows["acceleration"].before == pytest.approx(expected, rel=1e-9)
+    middles = 0.5 * (time[1:-2] + time[2:-1])
+    expected = amplitude * factor**3 * np.abs(np.cos(omega * middles)).mean()
+    assert rows["jerk"].before == pytest.approx(expected, rel=1e-9)
+    assert rows["acceleration_ratio"].after == pytest.approx(2.0, rel=1e-12)
+    assert "acceleration_ratio" not in rows_of(FieldPair(hands_at(0.1, 5), hands_at(0.1, 5)))
+    assert rows["acceleration"].parameters == "60 Hz"
 
 
 @given(st.lists(st.floats(0.005, 0.1), min_size=3, max_size=12), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
@@ -150,24 +141,24 @@ def test_contacts_are_those_of_counting(heights: list[tuple[float, float]]) -> N
     tips = np.array(heights[: 5 * frames]).reshape(frames, 5, 2)
     both = np.full((2, frames, 21), 0.05)
     both[:, :, TIPS] = tips.transpose(2, 0, 1)
-    pair = FieldPair(hands_at(both[0], frames), hands_at(both[1], frames))
+    rows = rows_of(FieldPair(hands_at(both[0], frames), hands_at(both[1], frames)))
     for threshold in (0.005, 0.002):
         touched = [(frame, f) for frame in range(frames) for f in range(5) if tips[frame, f, 0] <= threshold]
         kept = [(frame, f) for frame, f in touched if tips[frame, f, 1] <= threshold]
         share = 100.0 * len(kept) / len(touched) if touched else math.nan
-        assert contacts_kept(pair, threshold) == pytest.approx(share, nan_ok=True)
-        assert fingertips_in_contact(pair.recorded, threshold) == pytest.approx(20.0 * len(touched) / frames)
+        size = f"{1e3 * threshold:g}mm"
+        assert rows.get(f"contacts_kept_{size}", UNDEFINED).after == pytest.approx(share, nan_ok=True)
+        assert rows[f"fingertips_in_contact_{size}"].before == pytest.approx(20.0 * len(touched) / frames)
         seen = len({frame for frame, _ in touched})
-        assert frames_in_contact(pair.recorded, threshold) == pytest.approx(100.0 * seen / frames)
+        assert rows[f"frames_in_contact_{size}"].before == pytest.approx(100.0 * seen / frames)
 
 
 def test_a_missing_frame_is_no_contact_that_is_lost() -> None:
     before, after = joints_at(-0.001, 2), joints_at(-0.001, 2)
     after[1] = np.nan
     recorded, repaired = (FieldHands(np.arange(2.0), joints, box()) for joints in (before, after))
-    pair = FieldPair(recorded, repaired)
-    assert contacts_kept(pair, 0.005) == 100.0
-    assert frames_in_contact(pair.repaired, 0.005) == 100.0
+    rows = rows_of(FieldPair(recorded, repaired))
+    assert rows["contacts_kept_5mm"].after == rows["frames_in_contact_5mm"].after == 100.0
 
 
 def test_fingertips_of_a_skin_are_the_vertices_nearest_to_their_phalanges() -> None:
@@ -203,12 +194,9 @@ def test_corrections_by_hand() -> None:
 
 def test_forces_are_means_over_the_frames_that_press() -> None:
     force = np.array([[0.0, 1.0, 0.0, 0.0, 0.5], [0.0, 3.0, np.nan, 0.0, 0.0]])
-    pair = FieldPair(hands_at(0.1, 2), hands_at(0.1, 2), force)
-    assert [pressing_force(pair, finger) for finger in range(5)] == pytest.approx(
-        [np.nan, 2.0, np.nan, np.nan, 0.5], nan_ok=True
-    )
-    assert rows_of(pair)["force_max"].after == 3.0
-    assert "force_thumb" not in rows_of(pair)
+    rows = rows_of(FieldPair(hands_at(0.1, 2), hands_at(0.1, 2), force))
+    found = {name: row.after for name, row in rows.items() if name.startswith("force_")}
+    assert found == {"force_index": 2.0, "force_little": 0.5, "force_max": 3.0}
 
 
 BALL, APART = 0.03, 0.035

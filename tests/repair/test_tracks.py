@@ -10,8 +10,8 @@ from sampled import sampled
 
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration, sequence
-from hhsim.repair.offline import repair_frames
-from hhsim.repair.tracks import HandJudge, farthest
+from hhsim.repair.projection import HandJudge, farthest
+from hhsim.repair.tracks import repair_frames
 
 
 class Repaired(NamedTuple):
@@ -117,13 +117,3 @@ def test_a_correction_beyond_the_limit_is_marked() -> None:
     assert found.marked.all()
     assert (found.correction > 0.1).all()
     assert not found.depth.any()
-
-
-def test_frames_without_a_hand_are_marked_and_come_back_as_they_were() -> None:
-    case = shape_case(trimesh.creation.icosphere(2, 0.03), held(5, 0.03))
-    lost = case.frames.copy()
-    lost.flexion[2] = np.nan
-    found = repaired(case._replace(frames=lost))
-    np.testing.assert_array_equal(found.marked, np.arange(5) == 2)
-    np.testing.assert_array_equal(np.isnan(found.depth), np.arange(5) == 2)
-    assert case.referee_clearance(found.posture.at(np.array([0, 1, 3, 4]))) >= 0.0
