@@ -88,7 +88,7 @@ def test_a_wheel_with_its_kernels_compiles_nothing(repository: Path, tmp_path: P
     with zipfile.ZipFile(wheel) as packed:
         packed.extractall(site)
     # What hhsim depends on is taken from here; hhsim itself, which comes first, from the wheel.
-    # Its own path files count too.
+    # Its own path files count too: coal's tells where coal is.
     (site / "dependencies.pth").write_text(f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n")
     (site / "sitecustomize.py").write_text(COUNTER)
     entry = environment / "bin" / "hhsim"

@@ -105,7 +105,7 @@ def judged_bodies(result: Result) -> tuple[JudgedBody, ...]:
 
 
 class JudgedTicks:
-    """Ticks of a replay or a session, judged lazily; the true mesh is measured at those `asked`, None: all."""
+    """Ticks of a replay or a session, judged lazily; a slow library looks at those that are `asked`, None: all."""
 
     def __init__(self, result: Result, asked: IntArray | None = None) -> None:
         self.result = result

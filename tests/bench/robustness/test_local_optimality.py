@@ -113,7 +113,7 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
 def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float]) -> tuple[HandConfiguration, Pieces]:
     """The hand moved along `way`, a direction, until it is `CLEAR` of the triangles: no farther at once than it is."""
     hand, gap = start, np.inf
-    # The referee's distances are good to 10 nm.
+    # Coal's distances are good to 10 nm.
     while gap > 2e-8:
         gap = referee_clearance(HAND, mesh, forward_kinematics(HAND, *hand)) - CLEAR
         assert gap > -2e-8
