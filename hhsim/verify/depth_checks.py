@@ -74,7 +74,7 @@ def _by_library(judge: JudgedTicks) -> Claim:
     name, says = "distance by coal", "the nearest pair is as far apart as the collision library has it"
     if not has_coal():
         return Claim(name, says, NOT_JUDGED, note="a second opinion by coal: pip install 'hhsim[verify]'")
-    cones, pairs, off, ticks = round_cones(judge.hand, judge.posed), judge.pairs, [], []
+    cones, pairs, off, ticks = own_cones(judge.hand, judge.posed), judge.pairs, [], []
     starts = [body.first for body in judge.bodies]
     # Sorted by tick, then distance: the first of each tick is its nearest pair.
     pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
@@ -90,8 +90,9 @@ def _by_library(judge: JudgedTicks) -> Claim:
             # Coal has no triangle without area.
             continue
         piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (body.center[leaf], float(body.radius[leaf]))
-        a, b = body.seen_points(np.stack([cones.a[i, part], cones.b[i, part]])[None], np.array([i]))[0]
-        found = coal_distance(a, b, float(cones.radius_a[part]), float(cones.radius_b[part]), *piece)
+        row = i * (PALM + len(judge.hand.palm_radius)) + part
+        a, b = body.seen_points(np.stack([cones.a[row], cones.b[row]])[None], np.array([i]))[0]
+        found = coal_distance(a, b, float(cones.radius_a[row]), float(cones.radius_b[row]), *piece)
         off.append(abs(found - float(pairs.distance[n])))
         ticks.append(i)
     note, why = "" if off else "nothing is near", "a nanometre, and the library's bounds"

@@ -128,8 +128,8 @@ def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
 def test_a_round_cone_is_as_far_from_a_sphere_as_coal_has_it(
     center: Points, radius: float, a: Points, b: Points, radius_a: float, radius_b: float
 ) -> None:
-    ends = a[None], b[None], np.array([radius_a]), np.array([radius_b]), center[None]
-    place, size = axis_places(*ends)
+    cone = RoundCones(a[None], b[None], np.array([radius_a]), np.array([radius_b]))
+    place, size = cone.nearest_balls(center[None])
     found = float(np.linalg.norm(place - center) - size[0] - radius)
     assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, center, radius), abs=2 * EXACT)
 
