@@ -14,7 +14,6 @@ from hhsim.system.counted import counted
 from .arguments import options
 from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
 from .arguments.object_options import MeshSize, complete_object
-from .arguments.recording_options import PLACE_HELP, Place
 from .arguments.scene_options import Linearising, Sampling
 from .console import print_notes, print_table, progress
 
@@ -26,7 +25,6 @@ SUITE = "Suite"
 """Heading of a suite's own options."""
 SHARED: Mapping[str, click.Parameter] = {
     **{each.name or "": each for group in (MeshSize, Sampling, Linearising) for each in group.parameters()},
-    "place_object": option(PLACE_HELP, default="auto").parameter("place_object", Place),
     "level": options.TREE_LEVEL.parameter("level", options.OneLevel),
     "seed": options.SEED.parameter("seed", options.AnySeed),
 }

@@ -32,8 +32,6 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("speed-error", {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
     ("peers", {"motions": ("never",)}, "touches nothing"),
     ("peers", {"objects": ()}, "objects = .*at least one name"),
-    ("trees", {"objects": ("bunyn",)}, "bunny"),
-    ("trees", {"spheres": (40_000,)}, "32768"),
     ("paper", {"methods": ("best",)}, "best"),
     ("paper", {"objects": ("mug",)}, "mug"),
     ("paper", {"methods": ()}, "methods = .*at least one name"),
@@ -62,10 +60,8 @@ COMMANDS = (
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
     ("hard --resume .", ". holds other files, and no bench"),
     ("peers --plot a.json", "no picture by its ending"),
-    ("trees --size nan", "nan is not in the range 1<=x<=10000"),
+    ("stress --size nan", "nan is not in the range"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
-    ("recorded nowhere", "nowhere: no such file or folder"),
-    ("recorded", "no recordings"),
 )
 
 
@@ -207,10 +203,10 @@ def test_a_suite_is_a_module_and_a_plan(run: Run, tmp_path: Path, monkeypatch: p
 
 @pytest.fixture
 def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Run the command of these doubles in the place of that of the trees."""
-    monkeypatch.setattr("hhsim.bench.suites.trees.SUITE", Doubles)
+    """Run the command of these doubles in the place of that of the stress."""
+    monkeypatch.setattr("hhsim.bench.suites.stress.SUITE", Doubles)
     module._cells.cache_clear()
-    return lambda *words: run("bench", "trees", *words)
+    return lambda *words: run("bench", "stress", *words)
 
 
 def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[..., Any], tmp_path: Path) -> None:
@@ -222,7 +218,7 @@ def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[...
     ]
     assert answer.err.splitlines()[-1] == "hhsim: note: a note"
     table = load_table(tmp_path / "a.json")
-    assert (table.suite, table.options) == ("trees", {"numbers": [4, 5], "repetitions": 3})
+    assert (table.suite, table.options) == ("stress", {"numbers": [4, 5], "repetitions": 3})
     assert table.rows == tuple({"number": n, "twice": 2.0 * n, "times": 3} for n in (4, 5))
     assert (tmp_path / "a.csv").read_text().splitlines()[:2] == ["number,twice [m],times", "4,8.0,3"]
     document = json.loads(bench("--out", "a.json", "--json", "--quick").out)
@@ -274,8 +270,7 @@ def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
 
 def test_every_suite_has_a_line_and_a_plan_of_its_settings() -> None:
     assert list(suite_lines()) == SUITES.names() and all(line.endswith(".") for line in suite_lines().values())
-    for name, suite in SUITES.items():
+    for suite in SUITES.values():
         assert {field.name for field in fields(suite)} == set(suite.plan().options)
-        if name != "recorded":
-            assert suite.planned() == suite.planned() and suite.planned(is_preset=True)
+        assert suite.planned() == suite.planned() and suite.planned(is_preset=True)
         assert len({column.name for column in suite.columns()}) == len(suite.columns())
