@@ -10,7 +10,7 @@ from hhsim.registry import Registry
 if TYPE_CHECKING:
     from hhsim.bench.suite import Suite
 
-ORDER = ("paper", "speed-error", "peers", "manipulation", "hard", "stress")
+ORDER = ("paper", "speed-error", "peers", "hard", "stress")
 SUITES: Registry[type["Suite"]] = Registry("hhsim.bench.suites", "SUITE", "suite", first=ORDER)
 """Suites by name."""
 

@@ -37,7 +37,6 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("paper", {"methods": ()}, "methods = .*at least one name"),
     ("paper", {"repetitions": 0}, "repetitions = 0"),
     ("paper", {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
-    ("manipulation", {"cases": ("slop",)}, "unknown case 'slop'"),
     ("hard", {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
 )
 TARGETS: tuple[tuple[dict[str, Any], str], ...] = (
@@ -83,15 +82,6 @@ def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str,
     answer = run("bench", *words.split())
     assert (answer.code, answer.out) == (2, "") and message in answer.err
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]
-
-
-def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
-    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.json")
-    assert answer.code == 0, answer.err
-    assert "every figure of ours holds" in answer.out.splitlines()
-    rows = load_table(tmp_path / "a.json").rows
-    assert {row["case"] for row in rows} == {"block on 30°, μ 0.3", "block on 30°, μ 0.6"}
-    assert all(row["holds"] == 1 and row["figure"] for row in rows)
 
 
 PLAN = """
