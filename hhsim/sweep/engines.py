@@ -13,11 +13,10 @@ from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from hhsim.errors import HhsimError, InputError
 from hhsim.sweep.input_files import source_digest
-from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -40,22 +39,11 @@ class TaskEnd:
     ticks: int = 0  # number of ticks in all its runs
 
 
-class Task(Protocol):
-    """Work of which a worker gets a copy; its digest tells it from the others."""
-
-    @property
-    def digest(self) -> str:
-        """Name among the tasks of a run."""
-
-    def run(self) -> TaskEnd:
-        """Do the work and write what it makes."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class FolderTask:
-    """Task that writes in a folder which every process that runs such tasks sees."""
+class Task:
+    """Work of which a worker gets a copy; it writes in a folder which every process that runs such tasks sees."""
 
-    digest: str
+    digest: str  # tells it from the others
     folder: str  # absolute
     sources: str  # digest of the hhsim that planned it
 
@@ -87,44 +75,33 @@ def error_line(error: Exception) -> str:
 def run_to_end(
     tasks: Sequence[Task],
     stage: str,
-    on_end: Callable[[TaskEnd], str],
+    on_end: Callable[[TaskEnd], None],
     progress: Progress,
     *,
     scheduler: str = "",
-    jobs: int = 0,
+    jobs: int,
     done: int = 0,
-    kept: bool = True,
 ) -> None:
-    """Run tasks in `jobs` processes, in this one if that is 0, or on a cluster if a scheduler is given.
+    """Run tasks in `jobs` processes, or on a cluster if a scheduler is given.
 
-    `on_end` is called at each end; what it returns stands behind the stage in the progress. `done` tasks were done
-    before. A note on an interrupt says how many are done, if they are `kept`.
+    `on_end` is called at each end. `done` tasks were done before. A note on an interrupt says how many are done.
     """
     total = done + len(tasks)
     progress(stage, done, total)
     try:
-        with closing(run_tasks(tasks, scheduler, jobs) if scheduler or jobs else run_here(tasks)) as ends:
+        with closing(run_tasks(tasks, scheduler, jobs)) as ends:
             for end in ends:
-                more = on_end(end)
+                on_end(end)
                 done += 1
-                progress(f"{stage}{more}", done, total)
+                progress(stage, done, total)
     except KeyboardInterrupt as interrupt:
-        if kept:
-            interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
+        interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
         raise
 
 
 def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
     """Run tasks in `jobs` processes, or on a cluster if a scheduler is given; as the functions for these two."""
     return run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
-
-
-def run_here(tasks: Sequence[Task]) -> Generator[TaskEnd, None, None]:
-    """Run tasks in this process, one after the other; Ctrl-C is heard between two."""
-    with interruptible_between() as check_interrupt:
-        for task in tasks:
-            yield task.run()
-            check_interrupt()
 
 
 def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, None, None]:
@@ -136,7 +113,7 @@ def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, Non
     def begin(worker: "_Worker") -> None:
         if waiting:
             task = waiting.popleft()
-            running[worker.pool.submit(_run, task)] = worker, task
+            running[worker.pool.submit(task.run)] = worker, task
 
     with _one_thread():
         try:
@@ -160,10 +137,6 @@ def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, Non
         finally:
             for worker in workers:
                 worker.stop()
-
-
-def _run(task: Task) -> TaskEnd:
-    return task.run()
 
 
 class _Worker:
@@ -250,7 +223,7 @@ def run_with_client(client: Any, tasks: Sequence[Task]) -> Generator[TaskEnd, No
 
     # A name of its own for each attempt: one that failed before would be answered from memory.
     attempt = uuid.uuid4().hex[:8]
-    futures = {client.submit(_run, task, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
+    futures = {client.submit(task.run, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
     try:
         for future in as_completed(list(futures)):
             error = future.exception()

@@ -148,10 +148,9 @@ def run_manifest(
     planned = {row_digest(row): row for row in rows}
     tasks = {d: RowTask(row=row, digest=d, **about) for d, row in planned.items()}
 
-    def on_end(end: TaskEnd) -> str:
+    def on_end(end: TaskEnd) -> None:
         if end.reason:
             keep_lost(tasks[end.digest], end.reason)
-        return ""
 
     with locked(out, out, "repair"):
         content = {"format": FORMAT, "version": 1, "manifest": text}

@@ -47,7 +47,7 @@ from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.recordings.registry import ReadOptions, repaired_suffix
 from hhsim.repair.request import Repair, RepairRequest
-from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
+from hhsim.sweep.engines import Task, TaskEnd, error_line
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
 from hhsim.system.atomic_write import write_atomically
@@ -307,7 +307,7 @@ class RowOutcome(Settings, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RowTask(FolderTask):
+class RowTask(Task):
     """Row of a manifest, in the folder of all of them: the end has a reason if it left no outcome in its own folder."""
 
     row: PlannedRepair

@@ -24,7 +24,7 @@ from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.engines import FolderTask, TaskEnd, require_dask, run_to_end
+from hhsim.sweep.engines import Task, TaskEnd, require_dask, run_to_end
 from hhsim.sweep.folder import PARTIAL, SweepFolder, content_digest, write_row
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files, source_digest
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
@@ -40,7 +40,7 @@ OF_THE_ROW = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CellTask(FolderTask):
+class CellTask(Task):
     """Cell of a sweep, in its folder."""
 
     cell: Cell
@@ -188,11 +188,10 @@ def run_sweep(
             }
             tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
 
-            def on_end(end: TaskEnd) -> str:
+            def on_end(end: TaskEnd) -> None:
                 nonlocal ticks
                 ticks += end.ticks
                 failed.update({end.digest: end.reason} if end.reason else {})
-                return ""
 
             run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=before)
     return SweepSummary(len(plan.cells), len(waiting) - len(failed), before, failed, ticks, perf_counter() - began)
