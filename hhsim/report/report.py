@@ -1,7 +1,7 @@
 """`hhsim report`: one HTML page of results, which needs no server and no script; the same files give the same bytes."""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,14 +15,12 @@ from hhsim.report.pictures import HANDS, overview_picture, overview_view
 from hhsim.report.run import ReportRun, of_one_run, report_runs
 from hhsim.report.sections import result_tables
 from hhsim.report.time_series import histogram_figure, series_figure
-from hhsim.report.trade_off import bench_section
 from hhsim.result.reader import load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path, holds
 from hhsim.system.progress import Progress, silent
-from hhsim.table import file as bench_file
 from hhsim.table.html import render
 
 GENERATOR = "hhsim report"
@@ -55,7 +53,7 @@ class Report:
         for run in self.runs:
             lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
-        beside = self.runs[0].label if self.runs else ""
+        beside = self.runs[0].label
         return lines + [f"{run.label} beside {beside}: {found.sentence()}" for run, found in compared if found]
 
     def to_json(self) -> dict[str, Any]:
@@ -92,9 +90,8 @@ class ReportFiles(NamedTuple):
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
-    """Make the page of results and tables of `hhsim bench`, in the order of the files; InputError for another file."""
-    tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
-    results = [hand for path in paths if path not in tables for hand in load_result(path).hands.values()]
+    """Make the page of results, in the order of the files; InputError for another file."""
+    results = [hand for path in paths for hand in load_result(path).hands.values()]
     steps = itertools.count()
 
     def report_step(what: str) -> None:
@@ -103,20 +100,18 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     report_step("reading")
     runs = report_runs(results)
     comparisons = [None if of_one_run(results[0], other) else compare(results[0], other) for other in results[1:]]
-    parts = _result_parts(runs, comparisons, report_step) if runs else {}
-    benches = {}
-    for number, (path, found) in enumerate(tables.items(), 1):
-        section = bench_section(found, path.name)
-        if len(tables) > 1 and section["chart"] is not None:
-            section["chart"] = replace(section["chart"], name=f"bench-{number}-{section['chart'].name}")
-        benches[f"bench-{number}"] = section
-    charts = [section["chart"] for section in benches.values()]
-    shown = (*parts.get("hands", ()), *parts.get("figures", {}).values(), *charts)
+    report_step("the hand")
+    hands, figures = _hands(runs), {}
+    for name, make in CHARTS.items():
+        report_step(f"chart of {name}")
+        figures[name] = make({run.label: run.result for run in runs})
+    shown = (*hands, *figures.values())
     pictures = {figure.name: figure.png for figure in shown if isinstance(figure, ReportFigure)}
-    title = title_of(runs, [found.suite for found in tables.values()])
+    title, subtitle = title_of(runs), subtitle_of(runs, one=not any(comparisons))
     html = render(
-        "report/report.html", title=title, generator=GENERATOR, version=__version__,
-        runs=runs, several=len(runs) > 1, benches=benches, **parts,
+        "report/report.html", title=title, subtitle=subtitle, generator=GENERATOR, version=__version__,
+        runs=runs, several=len(runs) > 1, hands=hands, hands_note=f"{HANDS} {CUT_OBJECT}", figures=figures,
+        **result_tables(runs, comparisons),
     )  # fmt: skip
     return Report(title, html, pictures, tuple(runs), tuple(comparisons))
 
@@ -163,26 +158,6 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     return ReportFiles(page, tuple(files))
 
 
-def _result_parts(
-    runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None], report_step: Callable[[str], None]
-) -> dict[str, Any]:
-    """Return what the page shows of results, by the names of its template."""
-    results = {run.label: run.result for run in runs}
-    report_step("the hand")
-    hands = _hands(runs)
-    figures = {}
-    for name, make in CHARTS.items():
-        report_step(f"chart of {name}")
-        figures[name] = make(results)
-    return {
-        "subtitle": subtitle_of(runs, one=not any(comparisons)),
-        "figures": figures,
-        "hands": hands,
-        "hands_note": f"{HANDS} {CUT_OBJECT}",
-        **result_tables(runs, comparisons),
-    }
-
-
 def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
     """Return the hand of each result, all seen from one side.
 
@@ -206,20 +181,16 @@ def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
 MOST_NAMED = 4
 
 
-def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
-    """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
-    parts = []
-    if runs and all(of_one_run(runs[0].result, run.result) for run in runs[1:]):
+def title_of(runs: Sequence[ReportRun]) -> str:
+    """Return what a report is of, in a line."""
+    if all(of_one_run(runs[0].result, run.result) for run in runs[1:]):
         whole = replace(runs[0].result, hands={}) if len(runs) > 1 else runs[0].result
-        parts.append(replace(runs[0], result=whole).name)
-    elif runs:
-        scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
-        # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
-        named = [run.label for run in runs] if len(scenes) == 1 else scenes
-        shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
-        parts.append(f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}")
-    parts += [f"hhsim bench {suite}" for suite in tables]
-    return "; ".join(parts)
+        return replace(runs[0], result=whole).name
+    scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
+    # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
+    named = [run.label for run in runs] if len(scenes) == 1 else scenes
+    shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
+    return f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}"
 
 
 def subtitle_of(runs: Sequence[ReportRun], *, one: bool) -> str:

@@ -1,6 +1,5 @@
-"""Tables of `hhsim bench` on a page, and the picture of time against error of two suites, on logarithmic axes."""
+"""Picture of time against error of the suites `speed-error` and `peers` of `hhsim bench`, on logarithmic axes."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,10 +10,8 @@ import numpy as np
 
 from hhsim.render.figure import save_figure
 from hhsim.report import figure as style
-from hhsim.system.counted import counted
 from hhsim.system.output_path import check_picture
-from hhsim.table.file import ALL, BenchTable
-from hhsim.table.table import Table, words
+from hhsim.table.file import ALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,8 +19,6 @@ if TYPE_CHECKING:
 
 Row = Mapping[str, Any]
 
-TRADE_OFFS = ("speed-error", "peers")
-"""Suites that set the time of a tick against its error."""
 MOST_PANELS, ACROSS = 4, 2
 """Panels of such a suite, and those beside one another."""
 PANEL, WIDE_PANEL = (3.4, 2.4), (6.5, 3.2)
@@ -40,7 +35,6 @@ OTHERS = ("x", "^", "v", "<", ">", "p", "*", "d", "s", "h", "8", "H")
 OWN_QP = "active-set"
 LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
 """Marks by the level of the sphere tree."""
-TITLE = "Time of a tick against distance from the true mesh"
 CAPTION = (
     "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of the "
     "deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; steps "
@@ -69,21 +63,6 @@ class TradeOff(NamedTuple):
     size: tuple[float, float]
 
 
-def has_trade_off(found: BenchTable) -> bool:
-    """Return True for a table with the columns of such a picture."""
-    return found.suite in TRADE_OFFS and "mesh_error" in {column.name for column in found.columns}
-
-
-def bench_trade_off(suite: str, rows: Sequence[Row]) -> style.ReportFigure | None:
-    """Draw the rows of a table of one of `TRADE_OFFS`; None if no row has both a time and an error."""
-    trade_off = _trade_off(rows, (), "")
-    marks = sum(np.isfinite(mark.time * mark.error) for panel in trade_off.panels.values() for mark in panel)
-    if not marks:
-        return None
-    with _drawn(trade_off, style.PAGE_INCHES / ACROSS) as figure:
-        return style.page_figure(f"bench-{suite}", TITLE, CAPTION, f"{TITLE}: {counted(marks, 'point')}.", figure)
-
-
 def draw_trade_off(path: Path, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
     """Write the picture of a table, with a note on the run in its legend.
 
@@ -93,7 +72,7 @@ def draw_trade_off(path: Path, rows: Sequence[Row], peers: Sequence[Row] = (), n
     """
     check_picture(path)
     trade_off = _trade_off(rows, peers, note)
-    with _drawn(trade_off, trade_off.size[0]) as figure:
+    with _drawn(trade_off) as figure:
         caption = wrap(CAPTION, int(figure.get_figwidth() / style.LETTER))
         figure.supxlabel("\n".join(caption), x=0.0, ha="left", color=style.SOFT, fontsize=style.TEXT)
         save_figure(figure, path)
@@ -148,11 +127,11 @@ def _number(value: Any) -> float:
 
 
 @contextmanager
-def _drawn(trade_off: TradeOff, width: float) -> "Iterator[Figure]":
-    """Draw panels of this width [inches] beside one another, below their legend."""
+def _drawn(trade_off: TradeOff) -> "Iterator[Figure]":
+    """Draw panels beside one another, below their legend."""
     from matplotlib.lines import Line2D
 
-    labels, down = list(trade_off.legend), -(-len(trade_off.panels) // ACROSS)
+    labels, down, width = list(trade_off.legend), -(-len(trade_off.panels) // ACROSS), trade_off.size[0]
     columns = max(1, int(ACROSS * width / (style.SIGN + style.LETTER * max(map(len, labels), default=1))))
     height = down * trade_off.size[1] + 0.2 * (len(labels) // columns + 1)
     with style.new_figure(ACROSS * width, height, "constrained") as figure:
@@ -200,27 +179,3 @@ def _draw_panel(axes: "Axes", marks: Sequence[Mark]) -> None:
     axes.xaxis.set_major_formatter(lambda value, _: style.time_text(value).replace(".0 ", " "))
     axes.minorticks_off()
     axes.set_xlabel("CPU time of a tick in contact")
-
-
-def bench_section(found: BenchTable, name: str) -> dict[str, Any]:
-    """Return what the page shows of a table, by the names of its template."""
-    made = {str(key): str(value) for key, value in found.attributes.items()}
-    machine = json.loads(made.get("machine", "{}"))
-    about = f"{name}, written {made.get('created_utc', 'at an unknown time')} by hhsim {made.get('hhsim_version', '')}"
-    where = f", on {machine['cpu']}" if machine.get("cpu") else ""
-    columns = Table.of_records(found.columns, found.rows).columns
-    same = [column for column in columns if len({*map(column.shown, found.rows)}) == 1 < len(found.rows)]
-    alike = (words("column", "heading"), words("value", lambda column: column.shown(found.rows[0])))
-    options = [(key, json.dumps(value, ensure_ascii=False)) for key, value in found.options.items()]
-    caption = f"{counted(len(found.rows), 'row')} of hhsim bench {found.suite}"
-    return {
-        "heading": f"hhsim bench {found.suite}",
-        "about": f"{about}{where}.",
-        "chart": bench_trade_off(found.suite, found.rows) if has_trade_off(found) else None,
-        "whole": Table([column for column in columns if column not in same], found.rows, caption),
-        "more": {
-            "The same in all rows": Table(alike, same, "Columns with one value"),
-            "What the columns mean": Table((words("column", "name"), words("meaning", "says")), columns, "Columns"),
-            "Its options": Table.of_cells(("option", "value"), options, "Its options"),
-        },
-    }
