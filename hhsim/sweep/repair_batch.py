@@ -53,6 +53,7 @@ class RepairedRow:
 
 def repair_table(rows: Sequence[RepairedRow]) -> Table:
     """Return the table of all rows in their order; its figures are all that any row has, by their names."""
+    figures = dict.fromkeys(name for row in rows for name in row.outcome.figures)
     return Table(
         [
             words("name", "planned.name"),
@@ -62,7 +63,7 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
             number("frames", "outcome.frames"),
             number("marked", lambda row: len(row.outcome.marked)),
             words("doubt", lambda row: "; ".join(row.outcome.doubts)),
-            *(_column(name, name) for name in _figure_names(rows)),
+            *map(_figure_column, figures),
             words("reason", "outcome.reason"),
         ],
         rows,
@@ -70,41 +71,28 @@ def repair_table(rows: Sequence[RepairedRow]) -> Table:
     )
 
 
-def brief_table(rows: Sequence[RepairedRow]) -> Table:
-    """Return the table of all rows that a terminal has room for."""
-    known = _figure_names(rows)
-
-    def column(called: str, names: tuple[str, ...]) -> Column:
-        def value(row: RepairedRow) -> float | None:
-            return next((found for name in names if (found := row.outcome.figures.get(name)) is not None), None)
-
-        return replace(_column(names[0], called), of=value)
-
-    figures = [column(called, names) for called, names in BRIEF.items() if any(name in known for name in names)]
-    counts = number("frames", "outcome.frames"), number("marked", lambda row: len(row.outcome.marked))
-    return Table(
-        [
-            words("name", "planned.name"),
-            words("state", "outcome.state"),
-            *counts,
-            *figures,
-            words("reason", "outcome.reason"),
-        ],
-        rows,
-        "All recordings",
-    )
-
-
-def _figure_names(rows: Sequence[RepairedRow]) -> list[str]:
-    return list(dict.fromkeys(name for row in rows for name in row.outcome.figures))
-
-
-def _column(name: str, called: str) -> Column:
+def _figure_column(name: str) -> Column:
     """Return the column of a figure, by its name with or without _before or _after."""
     base, _, when = name.rpartition("_")
     metric = field_metrics().get(base if when in ("before", "after") else name)
     look = LOOKS.get(name, Column(name)) if metric is None else Column(name, unit=metric.unit, digits=metric.digits)
-    return replace(look, name=called, of=lambda row: row.outcome.figures.get(name))
+    return replace(look, name=name, of=lambda row: row.outcome.figures.get(name))
+
+
+def brief_table(table: Table) -> Table:
+    """Return the columns of the table of all rows that a terminal has room for."""
+    columns = {column.name: column for column in table.columns}
+
+    def column(heading: str, names: Sequence[str]) -> Column:
+        def first(row: RepairedRow) -> float | None:
+            return next((found for name in names if (found := columns[name].value(row)) is not None), None)
+
+        return replace(columns[names[0]], name=heading, of=first)
+
+    known = {heading: [name for name in names if name in columns] for heading, names in BRIEF.items()}
+    figures = [column(heading, names) for heading, names in known.items() if names]
+    about = [columns[name] for name in ("name", "state", "frames", "marked")]
+    return Table([*about, *figures, columns["reason"]], table.rows, table.title)
 
 
 @dataclass(frozen=True)

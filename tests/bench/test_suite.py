@@ -11,7 +11,6 @@ from conftest import Run
 
 from hhsim.bench import suites
 from hhsim.bench.registry import SUITES, suite_lines
-from hhsim.bench.robustness.random_targets import StressOptions
 from hhsim.bench.suite import Plan, Suite
 from hhsim.errors import InputError
 from hhsim.system.progress import Progress
@@ -38,12 +37,6 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("paper", {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
     ("hard", {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
 )
-TARGETS: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"hold": 0}, "hold"),
-    ({"bound": "finger"}, "unknown bound 'finger': known: none, palm"),
-    ({"flexion_range": (0.5, 1.5)}, "flexion_range"),
-    ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
-)
 COMMANDS = (
     ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
     ("stress bunyn", "unknown object 'bunyn': did you mean bunny?"),
@@ -66,12 +59,6 @@ COMMANDS = (
 def test_impossible_settings_are_refused(suite: str, values: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         SUITES[suite].planned(**values)
-
-
-@pytest.mark.parametrize(("values", "message"), TARGETS)
-def test_impossible_targets_are_refused(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        StressOptions(**values)
 
 
 @pytest.mark.parametrize(("words", "message"), COMMANDS)

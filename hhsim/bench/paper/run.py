@@ -53,13 +53,6 @@ CARRIES = 0.25
 by large shares of itself. The medians over all holds differ by 0.06 % at most from 0.1 to 0.5."""
 
 
-class Variation(NamedTuple):
-    """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation."""
-
-    size: FloatArray  # of the force's size, shape (2,)
-    component: FloatArray  # of its components, shape (3, 2), NaN for small ones
-
-
 class Moment(NamedTuple):
     """Name of a picture, the hands that it shows, and their forces [N]."""
 
@@ -94,8 +87,9 @@ class SceneRun:
     depth: FloatArray  # penetration of the object's spheres at each tick [m], shape (T,)
     touches: list[tuple[Touch, float]]  # demanded touches and their distances [m], at every hold of every motion
     steps: dict[str, float]  # figures of STEPS and UNTOLD: how far hand and force go in a tick
-    # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
-    variation: dict[str, Variation]
+    # Change of the index finger's force from tick to tick in the first hold [%], by the names of NOISES; none for
+    # instances. Of its size and its components, mean and standard deviation, NaN for small ones, shape (4, 2).
+    variation: dict[str, FloatArray]
     # Times of every tick [s], shape (T, 6), an array a repetition: CPU, wall, detection, palm, fingers, force.
     times: list[Times] = field(default_factory=list)
 
@@ -118,11 +112,6 @@ class SceneRun:
         return self.median_times[:, 0]
 
     @property
-    def tick_wall(self) -> FloatArray:
-        """Wall time of each tick [s], shape (T,)."""
-        return self.median_times[:, 1]
-
-    @property
     def tick_parts(self) -> FloatArray:
         """Wall times of detection, palm, fingers and force of each tick [s], shape (T, 4)."""
         return self.median_times[:, 2:]
@@ -130,7 +119,7 @@ class SceneRun:
     @property
     def undisturbed(self) -> BoolArray:
         """Ticks in contact that were not interrupted, shape (T,): only wall times are known of the parts of a tick."""
-        return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
+        return self.contact & (self.median_times[:, 1] <= 1.5 * self.tick_cpu + 5e-6)
 
     @property
     def contacts(self) -> float:
@@ -154,7 +143,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         found = hold_distances(stage.script, stage.scenario.object_name, stage.hand, stage.tree, motion, one)
         for demanded, distances in zip(stage.script.hold_touches, found):
             touches += list(zip(demanded, distances.tolist()))
-    variation: dict[str, Variation] = {}
+    variation: dict[str, FloatArray] = {}
     curves: Curves | None = None
     single = stage.scenario.instances == 1
     if single and any(touch.part == "index" for touches in stage.script.hold_touches[:1] for touch in touches):
@@ -275,7 +264,7 @@ def _keep_times(run: SceneRun, record: TickRecord) -> None:
 
 def _variation(
     stage: Stage, options: SolverOptions, record: TickRecord, noise: Disturbance, sample_rate: float | None
-) -> Variation:
+) -> FloatArray:
     motion = stage.motions[0]
     phase = next(phase for phase in motion.phases if phase.name == "hold")
     hold = slice(phase.first_tick, phase.last_tick + 1)
@@ -293,7 +282,7 @@ def _variation(
         defined = values[np.isfinite(values)]
         return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
 
-    return Variation(mean_std(size), np.array([mean_std(values) for values in component.T]))
+    return np.array([mean_std(values) for values in (size, *component.T)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -92,7 +92,7 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
     # Brute force over triangles takes ten times what it takes over spheres.
     holds = 10 if surface == "spheres" else 4
     ticks = 200 * holds
-    motion = RandomTargets(HAND, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03)).take(
+    motion = RandomTargets(HAND, seed, StressOptions(hold=200, jumps=True, sweep=False, position_spread=0.03)).take(
         ticks
     )
     mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface)

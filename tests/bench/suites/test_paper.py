@@ -84,7 +84,7 @@ def test_rows_are_what_the_runs_say(runs: PaperRuns) -> None:
     assert row(runs, "depth")["ours"] == max(
         float(run.depth.max()) for run in runs.of("coupled", "11", "sliding", "13", "14", "15")
     )
-    variations = [run.variation["glove"].size[0] for run in runs.of("coupled", "11", "13", "14")]
+    variations = [run.variation["glove"][0, 0] for run in runs.of("coupled", "11", "13", "14")]
     assert row(runs, "variation_glove_size")["ours"] == pytest.approx(float(np.median(variations)))
 
 
