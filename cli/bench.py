@@ -34,14 +34,14 @@ FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 1
 
 def suite_lines() -> Mapping[str, str]:
     """Return the suites with one line each."""
-    from hhsim.bench import registry
+    from hhsim.bench import plan
 
-    return registry.suite_lines()
+    return plan.suite_lines()
 
 
 def suite_command(name: str) -> click.Command:
     """Return the command of a suite, made of its plan."""
-    from hhsim.bench.registry import SUITES
+    from hhsim.bench.plan import SUITES
     from hhsim.bench.suite import Suite
 
     suite = SUITES[name]

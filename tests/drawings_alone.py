@@ -24,7 +24,7 @@ def leave_charts_undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 def trade_offs_undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Return the list that takes the pictures of time against error, none of which is written."""
     figures: list[Figure] = []
-    monkeypatch.setattr("hhsim.report.trade_off.save_figure", lambda figure, path: figures.append(figure))
+    monkeypatch.setattr("hhsim.bench.trade_off.save_figure", lambda figure, path: figures.append(figure))
     return figures
 
 

@@ -1,6 +1,10 @@
-"""Engines that run tasks: processes of this machine, or a Dask cluster (one that runs already, or a local one)."""
+"""Engines that run tasks: processes of this machine, or a Dask cluster (one that runs already, or a local one).
+
+Tasks write in a folder, which is locked against a second run.
+"""
 
 import contextlib
+import json
 import os
 import signal
 import threading
@@ -15,8 +19,10 @@ from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from typing import Any
 
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.sweep.input_files import source_digest
+from hhsim.system import posix
+from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -26,6 +32,7 @@ LOCAL = "local"
 """Word for a cluster of this machine, in the place of a scheduler's address."""
 ONE_AT_A_TIME = threading.Lock()
 """Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
+LOCK = ".lock"
 PATIENCE = 10
 """Longest wait for a scheduler [s]."""
 
@@ -63,6 +70,44 @@ class Task:
     def work(self) -> TaskEnd:
         """Do the work and write what it makes."""
         raise NotImplementedError
+
+
+@contextlib.contextmanager
+def locked(path: Path, inner: Path, what: str) -> Iterator[None]:
+    """Make and lock a folder and one in it; OutputError if it is not writable, or another `what` works in it."""
+    try:
+        inner.mkdir(parents=True, exist_ok=True)
+        lock = os.open(path / LOCK, posix.CREATE_FLAGS, 0o644)
+    except OSError as error:
+        raise OutputError(f"cannot write in {path}: {error.strerror or error}") from error
+    try:
+        try:
+            posix.lock(lock)
+        except BlockingIOError:
+            raise OutputError(f"another {what} works in {path}: wait for it, or name another folder") from None
+        except OSError:
+            # A file system without locks: two runs do each other's work twice, and no harm.
+            pass
+        yield
+    finally:
+        os.close(lock)
+
+
+def check_own(path: Path, is_own: bool, what: str) -> None:
+    """Raise OutputError for a file, or a folder that is not empty and not its own, as that of a `what` is."""
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path} is a file, not a folder: name another with --out")
+    if not is_own and path.is_dir() and any(path.iterdir()):
+        raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
+
+
+def has_format(path: Path, form: str) -> bool:
+    """Return True if a file is a JSON document of this format."""
+    try:
+        found = json.loads(read_input_text(path))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("format") == form
 
 
 def error_line(error: Exception) -> str:

@@ -8,8 +8,7 @@ from typing import Any
 
 from hhsim.metrics.field.field_table import field_metrics
 from hhsim.repair.request import Repair
-from hhsim.sweep.engines import TaskEnd, require_dask, run_to_end
-from hhsim.sweep.folder import check_own, has_format, locked
+from hhsim.sweep.engines import TaskEnd, check_own, has_format, locked, require_dask, run_to_end
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.repair_manifest import (
     PlannedRepair,

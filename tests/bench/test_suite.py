@@ -10,7 +10,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench import suites
-from hhsim.bench.registry import SUITES, suite_lines
+from hhsim.bench.plan import SUITES, suite_lines
 from hhsim.bench.suite import Plan, Suite
 from hhsim.errors import InputError
 from hhsim.system.progress import Progress

@@ -9,8 +9,7 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.bench.figures import mean
-from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
-from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
+from hhsim.bench.paper.run import CASES, NOISES, SLIDING, UNTOLD, PaperRuns, SceneRun, held_ticks, percentile
 from hhsim.bench.suite import Row
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names

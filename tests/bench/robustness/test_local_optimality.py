@@ -8,8 +8,7 @@ from referee_clearance import referee_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness.objects import joined_mesh, roof_mesh, sheet_mesh
-from hhsim.bench.robustness.postures import INDEX, POINTING
+from hhsim.bench.robustness.objects import INDEX, POINTING, joined_mesh, roof_mesh, sheet_mesh
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import Pieces, _moved, distance_rows, pieces_of, way_out
 from hhsim.errors import InputError

@@ -11,8 +11,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.robustness.case import HardCase, HardRun
-from hhsim.bench.robustness.objects import BALL_RADIUS, right_hand, tree_of
-from hhsim.bench.robustness.postures import HALF
+from hhsim.bench.robustness.objects import BALL_RADIUS, HALF, right_hand, tree_of
 from hhsim.bench.robustness.safety import pieces_of, stuck_with_way_out
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import hard as suite

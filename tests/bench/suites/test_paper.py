@@ -13,8 +13,18 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.paper import figures as paper_figures
-from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, SceneRun, play, play_again
-from hhsim.bench.paper.scene import Scenario, held_ticks, make_stage
+from hhsim.bench.paper.run import (
+    COUNTS,
+    GLOVE,
+    NOISES,
+    PaperRuns,
+    Scenario,
+    SceneRun,
+    held_ticks,
+    make_stage,
+    play,
+    play_again,
+)
 from hhsim.bench.paper.table import paper_row, paper_rows
 from hhsim.bench.suite import Row, run_cells
 from hhsim.bench.suites.paper import Paper

@@ -12,10 +12,9 @@ from drawings_alone import trade_offs_undrawn
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.peers import Peers
 from hhsim.bench.trade_off import Run as MethodRun
-from hhsim.bench.trade_off import Way
+from hhsim.bench.trade_off import Way, draw_trade_off
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.report.trade_off import draw_trade_off
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.table.file import ALL, load_table, rows_of

@@ -10,8 +10,7 @@ from referee_clearance import referee_clearance
 
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.speed_error import DEFAULT_LEVEL, NO_LEVEL, SpeedError, is_default
-from hhsim.bench.trade_off import Run, Way, placed_at
-from hhsim.report.trade_off import draw_trade_off
+from hhsim.bench.trade_off import Run, Way, draw_trade_off, placed_at
 from hhsim.result.reader import Result
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
