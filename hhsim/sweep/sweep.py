@@ -1,8 +1,8 @@
 """Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends.
 
-A cell is run in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder, which `sweep.json`
-identifies; `cells/` holds each cell's result (DIGEST.h5) and row (DIGEST.json). Each appears in one step, so
-that an interrupted sweep leaves only complete files.
+A cell is run in whatever process: what `hhsim replay` makes of the same words, in the folder of the sweep. `sweep.json`
+identifies that folder, and `cells/` has each cell's result (DIGEST.h5) and row (DIGEST.json). Each appears in one step,
+so that an interrupted sweep leaves only complete files.
 """
 
 import contextlib
