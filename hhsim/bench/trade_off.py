@@ -41,7 +41,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names
-from hhsim.table.file import ALL, rows_of
+from hhsim.table.file import ALL
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.mesh_distance import HandReferee
@@ -276,9 +276,8 @@ class TradeOff(Suite):
     def draw(
         self, path: Path, rows: Sequence[Row], figures: Sequence[Run], progress: Progress, note: str
     ) -> list[Path]:
-        """Draw time against error, with the engines of the table that the settings name."""
-        peers = getattr(self, "peers", None)
-        draw_trade_off(path, rows, rows_of(Path(peers), "peers") if peers else [], note)
+        """Draw time against error."""
+        draw_trade_off(path, rows, note)
         return [path]
 
 
@@ -326,38 +325,30 @@ class Panels(NamedTuple):
     size: tuple[float, float]
 
 
-def draw_trade_off(path: Path, rows: Sequence[Row], peers: Sequence[Row] = (), note: str = "") -> None:
-    """Write the picture of a table, with a note on the run in its legend.
-
-    Engines of `peers`, rows of a table of `hhsim bench peers`, are drawn in grey.
-
-    Errors as `check_picture` and `save_figure`.
-    """
+def draw_trade_off(path: Path, rows: Sequence[Row], note: str = "") -> None:
+    """Write the picture of a table, with a note on the run in its legend; errors as `check_picture`, `save_figure`."""
     check_picture(path)
-    trade_off = _trade_off(rows, peers, note)
+    trade_off = _trade_off(rows, note)
     with _drawn(trade_off) as figure:
         caption = wrap(CAPTION, int(figure.get_figwidth() / style.LETTER))
         figure.supxlabel("\n".join(caption), x=0.0, ha="left", color=style.SOFT, fontsize=style.TEXT)
         save_figure(figure, path)
 
 
-def _trade_off(rows: Sequence[Row], peers: Sequence[Row], note: str) -> Panels:
+def _trade_off(rows: Sequence[Row], note: str) -> Panels:
     """Return a panel for each object, and of `speed-error` one against the optimum."""
     summed = [row for row in rows if row["motion"] == ALL and row.get("qp", OWN_QP) == OWN_QP]
-    others = [row for row in peers if row["motion"] == ALL and not row["ours"]]
     names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
-    # Objects that other engines were measured on say the most.
-    names.sort(key=lambda name: bool(others) and not any(row["object"] == name for row in others))
     ours = [row for row in summed if row.get("ours", True)]
     colors = {
         name: style.run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))
     }
-    foreign = dict.fromkeys(row["method"] for row in (*summed, *others) if row["method"] not in colors)
+    foreign = dict.fromkeys(row["method"] for row in summed if row["method"] not in colors)
     engines = {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(foreign)}
 
     def panel(name: str, error: str, frontier: str) -> list[Mark]:
         marks = []
-        for row in (row for row in (*summed, *others) if row["object"] == name):
+        for row in (row for row in summed if row["object"] == name):
             time, p99, off = (_number(row.get(key)) for key in ("tick_cpu_p50", "tick_cpu_p99", error))
             look = engines.get(row["method"]) or (colors[row["method"]], _touched(row)[1])
             marks.append(Mark(time, p99, 1e3 * off, *look, row.get("linearisations") != 1, bool(row.get(frontier))))

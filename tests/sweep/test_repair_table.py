@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from hhsim.repair.request import RepairRequest
-from hhsim.sweep.repair_batch import RepairedRow, brief_table, repair_table
-from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome, State
+from hhsim.sweep.repair_batch import RepairedRow, RowOutcome, State, brief_table, repair_table
+from hhsim.sweep.repair_manifest import PlannedRepair
 
 
 def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:

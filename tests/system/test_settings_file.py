@@ -32,7 +32,7 @@ READERS = (
         "recordings.dexmo_regression",
     ),
     *("scene.contact_goals", "scene.described_scene", "scene.body", "scene.script"),
-    *("scene.body_file", "sweep.plan", "sweep.repair_manifest"),
+    *("scene.body_file", "sweep.plan", "sweep.repair_batch", "sweep.repair_manifest"),
 )
 """Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]
