@@ -12,9 +12,8 @@ from hhsim.errors import OutputError
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
+from .arguments.command import MOST_COUNT, Declared, LazyGroup, argument, click_type, make_command, option
 from .arguments.object_options import MeshSize, complete_object
-from .arguments.recording_options import PLACE_HELP, Place
 from .arguments.scene_options import Linearising, Sampling
 from .console import print_notes, print_table, progress
 
@@ -26,7 +25,6 @@ SUITE = "Suite"
 """Heading of a suite's own options."""
 SHARED: Mapping[str, click.Parameter] = {
     **{each.name or "": each for group in (MeshSize, Sampling, Linearising) for each in group.parameters()},
-    "place_object": option(PLACE_HELP, default="auto").parameter("place_object", Place),
     "level": options.TREE_LEVEL.parameter("level", options.OneLevel),
     "seed": options.SEED.parameter("seed", options.AnySeed),
 }
@@ -34,24 +32,16 @@ SHARED: Mapping[str, click.Parameter] = {
 FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
 
 
-class RunningOptions(OptionGroup):
-    """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
-
-    jobs: options.Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
-    scheduler: str = options.SCHEDULER
-    resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
-
-
 def suite_lines() -> Mapping[str, str]:
     """Return the suites with one line each."""
-    from hhsim.bench import registry
+    from hhsim.bench import plan
 
-    return registry.suite_lines()
+    return plan.suite_lines()
 
 
 def suite_command(name: str) -> click.Command:
     """Return the command of a suite, made of its plan."""
-    from hhsim.bench.registry import SUITES
+    from hhsim.bench.plan import SUITES
     from hhsim.bench.suite import Suite
 
     suite = SUITES[name]
@@ -68,8 +58,6 @@ def suite_command(name: str) -> click.Command:
         more.append(option(FIGURES, "FOLDER").parameter("plot", options.OutPath))
     if suite.listed is not Suite.listed:
         more.append(option("List what there is and run none.", None, "--list").parameter("listed", bool))
-    if suite.is_portable:
-        more += RunningOptions.parameters()
 
     def run(output: options.Output, **given: Any) -> int:
         return run_suite(name, suite, output, given)
@@ -135,16 +123,10 @@ def _entry(hint: Any) -> tuple[Any, bool]:
 
 def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import run_cells, run_tasks_of
+    from hhsim.bench.suite import run_cells
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plan, plot, listed = kind.plan(), given.pop("plot", None), given.pop("listed", False)
-    running = {
-        "jobs": given.pop("jobs", 1),
-        "scheduler": given.pop("scheduler", ""),
-        "folder": given.pop("resume", None),
-    }
-    is_shared = running["jobs"] > 1 or running["scheduler"] or running["folder"]
     is_preset = plan.preset is not None and given.pop(plan.preset.flag)
     suite = kind.planned(is_preset, **{key: value for key, value in given.items() if value is not None})
     if listed and (found := suite.listed()) is not None:
@@ -158,7 +140,7 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
         stopped: KeyboardInterrupt | None = None
         try:
             # What came before an interrupt stays in the list.
-            figures.extend(run_tasks_of(suite, report, **running) if is_shared else run_cells(suite, report))
+            figures.extend(run_cells(suite, report))
         except KeyboardInterrupt as interrupt:
             if not figures:
                 raise

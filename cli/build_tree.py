@@ -90,9 +90,7 @@ def command(
     robot: RobotOptions,
     mesh_file: MeshFile,
     output: Output,
-    plot: OutPath | None = option(
-        "Draw the mesh, its spheres coloured by protrusion, and the errors of all levels.", "FILE"
-    ),
+    plot: OutPath | None = option("Draw the mesh, and its spheres coloured by protrusion.", "FILE"),
     seed: AnySeed = SEED,
 ) -> None:
     """Cover an object, or a robot, with spheres, with a proof.

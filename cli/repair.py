@@ -186,7 +186,7 @@ def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, 
         found = run_manifest(manifest, out, repair_recording, **how, progress=report)
     printing.show(
         {"recordings": found.table.records, "failed": dict(found.failed), "table": str(found.path)},
-        brief_table(found.table.rows),
+        brief_table(found.table),
         f"{len(found.failed)} without a repair within the limits; all of it is in {found.path}",
     )
     return 1 if found.failed else 0

@@ -13,7 +13,7 @@ from hhsim.table.table import Table, number, words
 
 from .arguments import object_options, options, scene_options
 from .arguments.command import make_command, option, refuse_typed
-from .arguments.recording_options import PLACE_HELP, HandData, Place
+from .arguments.recording_options import HandData, Place
 from .console import print_notes, progress
 
 if TYPE_CHECKING:
@@ -90,7 +90,9 @@ class SolverSettings(scene_options.Linearising, scene_options.SolverChoice):
 class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
     """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
 
-    place_object: Place | None = option(PLACE_HELP)
+    place_object: Place | None = option(
+        "Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto)."
+    )
     object_pose: Literal["recorded", "fixed"] = option(
         "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",

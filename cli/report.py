@@ -23,8 +23,8 @@ def command(
 ) -> None:
     """Make one HTML page of results: figures, curves, worst ticks.
 
-    RESULT is a file that hhsim replay or hhsim live wrote, complete or not, or a table of hhsim bench. Of several
-    results, each is set beside the first: what differs in what they were fed with and in how they were run, and which
+    RESULT is a file that hhsim replay or hhsim live wrote, complete or not. Of several results, each is
+    set beside the first: what differs in what they were fed with and in how they were run, and which
     figures that makes better or worse. The page holds its pictures and needs neither a network nor a script; the same
     pictures lie beside it as PNG files.
 
@@ -32,7 +32,6 @@ def command(
     Examples:
       hhsim report results/grasp.h5
       hhsim report coupled.h5 progressive.h5 --out methods.html
-      hhsim report results/speed-error.json
     """
     from hhsim.report.report import check_report_path, make_report, write_report
     from hhsim.system.output_path import dated_output_path

@@ -13,9 +13,8 @@ from .console import end_on_sigterm, print_notes, progress
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from hhsim.sweep.cell_table import CellRow
     from hhsim.sweep.plan import Cell
-    from hhsim.sweep.sweep import SweepSummary
+    from hhsim.sweep.sweep import CellRow, SweepSummary
 
 MOST_FAILURES = 20
 MOST_ROWS = 60
@@ -52,10 +51,8 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
       hhsim sweep plan.toml --jobs 2
       hhsim sweep plan.toml --scheduler tcp://10.0.0.1:8786 --out /shared/first
     """
-    from hhsim.sweep.cell_table import COLUMNS, TABLE, cell_rows
-    from hhsim.sweep.folder import SweepFolder
     from hhsim.sweep.plan import load_plan
-    from hhsim.sweep.sweep import run_sweep
+    from hhsim.sweep.sweep import COLUMNS, TABLE, SweepFolder, cell_rows, run_sweep
     from hhsim.system.atomic_write import write_atomically
     from hhsim.system.output_path import RESULTS
 
@@ -105,7 +102,7 @@ def _figures(
     ended: "SweepSummary", failed: "Sequence[tuple[Cell, str]]", rows: "Sequence[CellRow]", folder: Path
 ) -> "Iterator[Part]":
     """Yield the table of the cells, their numbers, and those that failed."""
-    from hhsim.sweep.cell_table import FAILED, TABLE, shown_table
+    from hhsim.sweep.sweep import FAILED, TABLE, shown_table
 
     done = [row for row in rows if row["verdict"] != FAILED]
     if done:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from hhsim.motion.trajectory import Trajectory
     from hhsim.repair.in_memory import repair
     from hhsim.replay.replay import replay_scene
-    from hhsim.report.pictures import draw
+    from hhsim.report.report import draw
     from hhsim.result.reader import Result, load_result
     from hhsim.scene.scene import Scene, open_scene
     from hhsim.solver.hand_solver import HandSolver
@@ -74,7 +74,7 @@ _PLACES = {
     "Stiffness": "hhsim.solver.options.Stiffness",
     "TickAnswer": "hhsim.solver.outside_method.TickAnswer",
     "Trajectory": "hhsim.motion.trajectory.Trajectory",
-    "draw": "hhsim.report.pictures.draw",
+    "draw": "hhsim.report.report.draw",
     "load_mesh": "hhsim.mesh.mesh.load_mesh",
     "load_result": "hhsim.result.reader.load_result",
     "load_trajectory": "hhsim.motion.file.load_trajectory",

@@ -21,6 +21,13 @@ def leave_charts_undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return figures
 
 
+def trade_offs_undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Return the list that takes the pictures of time against error, none of which is written."""
+    figures: list[Figure] = []
+    monkeypatch.setattr("hhsim.bench.trade_off.save_figure", lambda figure, path: figures.append(figure))
+    return figures
+
+
 def leave_report_undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing of the page's is drawn: neither charts nor pictures."""
 

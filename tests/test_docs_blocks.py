@@ -40,7 +40,6 @@ NEEDS = {
     r"^dask |--scheduler": "a cluster",
     r"--base-(python|folder)": "another checkout: tests/gate",
     r"pytest|ruff": "to test the tests",
-    r"bench speed-error|speed-error\.h5": "nine minutes",
     r"hhsim doctor": "a machine that keeps 1 kHz",
     r"tracker \|": "a tracker: tests/repair/test_follow.py",
     r"theirs\.": "spheres of another program: tests/robots",

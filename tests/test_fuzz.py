@@ -81,7 +81,7 @@ def scenes(draw: st.DrawFn) -> Scene:
         rotation_spread=draw(st.floats(0.0, 2.0)),
         sweep=draw(st.booleans()),
         longest_step=draw(logarithmic(1e-4, 2e-2)),
-        bound=draw(st.sampled_from(["palm", "none"])),
+        jumps=draw(st.booleans()),
         wild=draw(st.booleans()),
     )
     side, seed = st.sampled_from(["right", "left"]), st.integers(0, 2**32 - 1)

@@ -2,8 +2,7 @@
 
     python -m tools.build_catalogue objects/ bunny-1.0.1.tgz teapot-1.0.0.tgz
 
-writes the .ply files and prints the content hash of each mesh, which its TOML file states. It also writes those of
-`REFERENCE_SHAPES`, on which `hhsim bench trees` holds our trees against published ones.
+writes the .ply files and prints the content hash of each mesh, which its TOML file states.
 """
 
 import hashlib
@@ -11,7 +10,6 @@ import json
 import re
 import sys
 import tarfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,21 +22,8 @@ from hhsim.mesh.catalogue import object_description, object_names
 from hhsim.mesh.file import PLY_FACE, PLY_VERTEX
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface
-from hhsim.trees.published_results import EXTENT
-from tools.shapes.cup import cup
-from tools.shapes.generators import GENERATORS, cube, cylinder, hexagonal_prism
+from tools.shapes.generators import GENERATORS
 from tools.shapes.surface_parts import finished_mesh
-
-CUP_WALL = 0.003
-"""Of the cup at the longest extent of the references [m]."""
-
-REFERENCE_SHAPES: dict[str, Callable[[], Mesh]] = {
-    "reference-cube": lambda: cube(EXTENT),
-    "reference-hexagonal-prism": lambda: hexagonal_prism(EXTENT / 2.0, EXTENT),
-    "reference-cylinder": lambda: cylinder(EXTENT, EXTENT, 128),
-    "reference-cup": lambda: cup(wall=CUP_WALL * float(cup().extent.max()) / EXTENT),
-}
-"""Shapes of published sphere trees, where the catalogue's object has other proportions."""
 
 
 def made_object(name: str, package: Path | None = None) -> Mesh:
@@ -117,9 +102,6 @@ def main(arguments: list[str]) -> None:
         mesh = made_object(name, package)
         (folder / object_description(name)["file"]).write_bytes(ply_bytes(mesh.vertices, mesh.faces))
         print(f"{name} {len(mesh.vertices)} vertices, {len(mesh.faces)} triangles, sha256 {mesh.sha256}")
-    for name, make in REFERENCE_SHAPES.items():
-        mesh = make()
-        (folder / f"{name}.ply").write_bytes(ply_bytes(mesh.vertices, mesh.faces))
 
 
 if __name__ == "__main__":

@@ -267,7 +267,7 @@ def motion_of(drawing: Drawing, model: HandModel, side: float) -> HandConfigurat
     own = [body for body in drawing.bodies if isinstance(body, Body)]
     middles = [drawing.solids[body.name].mesh.bounds.mean(axis=0) for body in own]
     low, high = np.sort(rng.uniform(0.0, 1.0, 2)) if rng.random() < 0.3 else (0.0, 1.0)
-    bound: Any = "none" if rng.random() < 0.2 else "palm"
+    jumps = bool(rng.random() < 0.2)
     hold = int(rng.integers(20, 250))
     options = StressOptions(
         hold=hold,
@@ -275,7 +275,7 @@ def motion_of(drawing: Drawing, model: HandModel, side: float) -> HandConfigurat
         rotation_spread=float(rng.uniform(0.2, 1.2)),
         flexion_range=(float(low), float(high)),
         longest_step=float(10.0 ** rng.uniform(-3.3, -2.5)),
-        bound=bound,
+        jumps=jumps,
     )
     start = middles[0] + [0.15 * side, 0.0, 0.0]
     targets = RandomTargets(model, int(rng.integers(2**31)), options, center=start, height=0.1)

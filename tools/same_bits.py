@@ -37,7 +37,6 @@ ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     "kernels for this processor": {"HHSIM_CPU": "native"},
 }
 """Environment variables by what they stand for."""
-CUBE = "objects/reference-cube.ply"
 SCENES: Mapping[str, str] = {
     "coupled": "replay bunny grasp",
     "coupled, mesh": "replay teapot slide --surface mesh",
@@ -50,7 +49,7 @@ SCENES: Mapping[str, str] = {
     "driven": "replay rock carry --tremor 0.1,0.2",
     "driven, mesh": "replay cup carry --surface mesh --method progressive",
     "recording": "replay bunny finger-tap",
-    "tree and script of a mesh": f"replay {CUBE} grasp --level 3",
+    "tree and script of a mesh": "replay objects/cube.ply grasp --size 100 --level 3",
     "motion of a live session": "replay cube SESSION",
     "live session run again": "replay SESSION",
 }

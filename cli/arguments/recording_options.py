@@ -83,5 +83,4 @@ class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare number
 
 
 Place = Literal["recorded", "auto"]
-PLACE_HELP = "Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto)."
-"""Help of --place-object; None stands for recorded, and auto where the hand then touches nothing or begins inside."""
+"""None stands for recorded, and auto where the hand then touches nothing or begins inside."""

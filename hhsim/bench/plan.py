@@ -1,12 +1,17 @@
-"""Plan of a suite of `hhsim bench`: a TOML file of what its command says, its settings and its figures."""
+"""The suites of `hhsim bench` by name, and a suite's plan: a TOML file of its words, its settings and its figures."""
 
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from hhsim.registry import Registry
 from hhsim.system.settings_file import Settings, read_settings
+
+if TYPE_CHECKING:
+    from hhsim.bench.suite import Suite
 
 
 class Option(Settings, frozen=True):
@@ -61,3 +66,14 @@ class Plan(Settings, frozen=True):
 def read_plan(path: Path) -> Plan:
     """Read the plan of a suite."""
     return read_settings(path, Plan, "plan of a suite")
+
+
+ORDER = ("paper", "speed-error", "peers", "hard", "stress")
+SUITES: Registry[type["Suite"]] = Registry("hhsim.bench.suites", "SUITE", "suite", first=ORDER)
+"""Suites by name."""
+
+
+def suite_lines() -> dict[str, str]:
+    """Return one line about each suite, of its plan; no suite is imported."""
+    specs = {name: find_spec(f"hhsim.bench.suites.{name.replace('-', '_')}") for name in SUITES.names()}
+    return {name: read_plan(Path(str(spec and spec.origin)).with_suffix(".toml")).line for name, spec in specs.items()}

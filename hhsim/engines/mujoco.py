@@ -9,7 +9,6 @@ import hashlib
 import io
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, ClassVar, NamedTuple
 from zipfile import BadZipFile
@@ -37,54 +36,35 @@ ROUND = 2e-3
 """Largest relative difference of the distances of a ball's vertices from its centre."""
 
 
-@dataclass(frozen=True, eq=False)
-class Ball:
-    """A ball, world [m]."""
+class Part(NamedTuple):
+    """A convex part of an object, world [m]."""
 
-    center: FloatArray
-    radius: float
-
-
-@dataclass(frozen=True, eq=False)
-class Box:
-    """A box along the axes of the world [m]."""
-
-    center: FloatArray
-    half: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Hull:
-    """Convex hull of points, world [m], shape (V, 3)."""
-
-    points: FloatArray
-
-
-Part = Ball | Box | Hull
+    kind: str  # "sphere", "box" along the axes of the world, or "mesh" for the hull of the points
+    center: FloatArray  # shape (3,)
+    size: FloatArray  # radius of a sphere, and two zeros; half the edges of the box around any other part, shape (3,)
+    points: FloatArray  # corners, shape (V, 3)
 
 
 def convex_parts(mesh: Mesh) -> list[Part]:
     """Return the parts of a mesh [m], world; one if it is convex, else those of CoACD."""
-    simple = _simple(mesh)
-    return [simple] if simple is not None else [Hull(points) for points in _decomposition(mesh)]
-
-
-def _simple(mesh: Mesh) -> Part | None:
     from scipy.spatial import ConvexHull
 
-    points = mesh.vertices
-    low, high = points.min(axis=0), points.max(axis=0)
-    center = 0.5 * (low + high)
-    hull = ConvexHull(points)
+    def part(kind: str, points: FloatArray) -> Part:
+        low, high = points.min(axis=0), points.max(axis=0)
+        return Part(kind, 0.5 * (low + high), 0.5 * (high - low), points)
+
+    hull = ConvexHull(mesh.vertices)
     if abs(mesh.volume - hull.volume) > CONVEX * hull.volume:
-        return None
-    if abs(hull.volume - float(np.prod(high - low))) <= CONVEX * hull.volume:
-        return Box(center, 0.5 * (high - low))
-    away = np.linalg.norm(points[hull.vertices] - center, axis=1)
-    if len(hull.vertices) > 100 and np.ptp(away) <= ROUND * away.max():
+        return [part("mesh", points) for points in _decomposition(mesh)]
+    whole = part("mesh", mesh.vertices[hull.vertices])
+    if abs(hull.volume - float(np.prod(2.0 * whole.size))) <= CONVEX * hull.volume:
+        return [whole._replace(kind="box")]
+    away = np.linalg.norm(whole.points - whole.center, axis=1)
+    if len(whole.points) > 100 and np.ptp(away) <= ROUND * away.max():
         # A ball of the same volume: as far out at the corners as in at the faces.
-        return Ball(center, float((0.75 * hull.volume / np.pi) ** (1.0 / 3.0)))
-    return Hull(points[hull.vertices])
+        radius = float((0.75 * hull.volume / np.pi) ** (1.0 / 3.0))
+        return [whole._replace(kind="sphere", size=np.array([radius, 0.0, 0.0]))]
+    return [whole]
 
 
 def _decomposition(mesh: Mesh) -> list[FloatArray]:
@@ -287,13 +267,12 @@ class MuJoCo:
         body = spec.worldbody.add_body(name="object")
         given = {**self._touching(), "contype": 0, "conaffinity": 1}
         for i, part in enumerate(convex_parts(scene.mesh)):
-            if isinstance(part, Ball):
-                body.add_geom(type=kind.mjGEOM_SPHERE, pos=part.center, size=[part.radius, 0.0, 0.0], **given)
-            elif isinstance(part, Box):
-                body.add_geom(type=kind.mjGEOM_BOX, pos=part.center, size=part.half, **given)
-            else:
+            if part.kind == "mesh":
                 spec.add_mesh(name=f"part {i}", uservert=part.points.ravel())
                 body.add_geom(type=kind.mjGEOM_MESH, meshname=f"part {i}", **given)
+            else:
+                shape = kind.mjGEOM_BOX if part.kind == "box" else kind.mjGEOM_SPHERE
+                body.add_geom(type=shape, pos=part.center, size=part.size, **given)
 
     def _add_hand(self, spec: Any) -> None:
         mujoco, hand, world = self._mujoco, self._scene.hand, spec.worldbody

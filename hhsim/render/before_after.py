@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import InputError
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import object_bvh
@@ -52,52 +51,39 @@ def deepest_frames(depth: FloatArray) -> list[int]:
 
 
 def draw_before_after(
-    mesh: Mesh | Sequence[Mesh],
+    meshes: Sequence[Mesh],
     before: FloatArray,
     after: FloatArray,
     faces: IntArray,
     path: Path,
-    frames: Sequence[int] = (),
-    time: FloatArray | None = None,
-    numbers: Sequence[int] = (),
-    depth: Sequence[FloatArray] = (),
+    time: FloatArray,
+    numbers: Sequence[int],
+    depth: Sequence[FloatArray],
 ) -> None:
     """Draw frames of a hand before and after, a row each: both whole, then both from close by at the deepest point.
 
     Args:
-        mesh: Closed object [m], in its own frame; or as it is in each frame.
+        meshes: Closed object in each frame [m].
         before, after: Vertices of the hand's skin at each frame [m], in the object's frame, shape (T, V, 3).
         faces: Triangles of the skin, shape (F, 3).
         path: File of the picture; its ending says which kind.
-        frames: Frames in the order of the rows; without any, those of `deepest_frames`.
-        time: Time of each frame [s], shape (T,), for the titles.
-        numbers: Numbers of the frames for the titles, if the arrays hold only some of a recording.
-        depth: Depth of the hand before and after at each frame [m], each (T,), for the titles; that of the deepest
-            vertex without it, which in a thin object is less than that of a cone.
+        time, numbers: Time [s] and number of each frame, shapes (T,), for the titles.
+        depth: Depth of the hand before and after at each frame [m], each (T,), for the titles.
 
-    Raises:
-        InputError: Arrays that do not fit together.
-        OutputError: The file cannot be written.
+    Raises OutputError for a file that cannot be written.
     """
     check_picture(path)
-    if before.shape != after.shape or before.ndim != 3 or not len(before) or faces.max() >= before.shape[1]:
-        raise InputError(f"hands of shapes {before.shape} and {after.shape}: expected the same (T, V, 3), and faces")
-    shapes = [mesh] * len(before) if isinstance(mesh, Mesh) else mesh
-    frames = frames or deepest_frames(
-        np.array([-mesh_signed_distance(object_bvh(of), skin).min() for of, skin in zip(shapes, before)])
-    )
-    width, height = 4 * SIDE, len(frames) * (SIDE + TITLE)
+    width, height = 4 * SIDE, len(meshes) * (SIDE + TITLE)
     figure = new_figure(width / 100, height / 100)
-    for row, at in enumerate(frames):
-        hands, shape, bvh = (before[at], after[at]), shapes[at], object_bvh(shapes[at])
+    for row, (shape, *hands) in enumerate(zip(meshes, before, after, strict=True)):
+        bvh = object_bvh(shape)
         skins = [mesh_surface(Mesh(hand, faces), SKIN) for hand in hands]
         body = mesh_surface(near_hands(shape, np.concatenate(hands)), STONE)
-        distance = [mesh_signed_distance(bvh, hand) for hand in hands]
-        deepest = hands[0][int(distance[0].argmin())]
+        deepest = hands[0][int(mesh_signed_distance(bvh, hands[0]).argmin())]
         rotation = _view(skins[0], bvh, deepest)
         whole = frame(np.concatenate([*hands, body.points]), rotation, (SIDE, SIDE))
         close = Camera(rotation, deepest, CLOSE, (SIDE, SIDE))
-        when = f"frame {numbers[at] if numbers else at:,}" + ("" if time is None else f" at {time[at]:.2f} s")
+        when = f"frame {numbers[row]:,} at {time[row]:.2f} s, "
         for column in range(4):
             # On whole pixels, so that nothing is drawn anew.
             corner = column * SIDE / width, 1.0 - (row + 1) * (SIDE + TITLE) / height
@@ -109,9 +95,8 @@ def draw_before_after(
                 interpolation="nearest",
             )
             _scale(axes, camera)
-            inside = float(depth[side][at]) if depth else max(0.0, -float(distance[side].min()))
-            what = f"{('before', 'after')[side]}: {1e3 * inside:.1f} mm in"
-            axes.set_title((f"{when}, " if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, y=1.0, pad=3)
+            what = f"{('before', 'after')[side]}: {1e3 * depth[side][row]:.1f} mm in"
+            axes.set_title((when if column == 0 else "") + what, fontsize=9, loc="left", x=0.02, y=1.0, pad=3)
     save_figure(figure, path)
 
 

@@ -329,12 +329,12 @@ def _draw(
         pieces = piece_surfaces(hand)
         hands = [[hand_surface(hand, posed.at(k), pieces) for k in chosen] for posed in (recorded.haptic, posture)]
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
-    numbers, rows = recorded.frames[chosen].tolist(), range(len(chosen))
+    numbers = recorded.frames[chosen].tolist()
     time = recorded.scene.ticks.time[chosen]
     shapes = [recorded.mesh_at(frame) for frame in chosen]
     # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
     depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
-    draw_before_after(shapes, shown[0], shown[1], faces, path, rows, time, numbers, depth)
+    draw_before_after(shapes, shown[0], shown[1], faces, path, time, numbers, depth)
 
 
 def _page(outcome: RepairOutcome, worst: bytes) -> str:

@@ -1,29 +1,132 @@
-"""`hhsim report`: one HTML page of results, which needs no server and no script; the same files give the same bytes."""
+"""`hhsim report`: one HTML page of results, which needs no server and no script; the same files give the same bytes.
+
+Pictures of the hand have skin for the graphic hand, blue glass for the haptic one, and forces in red.
+"""
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from hhsim import __version__
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, OutputError
 from hhsim.metrics.session_faults import how_it_ended
+from hhsim.render.hand_picture import label, transparent
+from hhsim.render.rasterizer import Camera, blend, frame, shade
+from hhsim.render.triangle_soup import STONE, Surface, look_from, mesh_surface, near_hands
+from hhsim.render.viewpoint import View
 from hhsim.replay.compare import Comparison, compare
-from hhsim.report.figure import ReportFigure
-from hhsim.report.pictures import HANDS, overview_picture, overview_view
-from hhsim.report.run import ReportRun, of_one_run, report_runs
-from hhsim.report.sections import result_tables
+from hhsim.report.figure import INK, ReportFigure, new_figure, page_figure
+from hhsim.report.sections import ReportRun, of_one_run, report_runs, result_tables
 from hhsim.report.time_series import histogram_figure, series_figure
-from hhsim.report.trade_off import bench_section
-from hhsim.result.reader import load_result
+from hhsim.result.reader import Result, load_result
 from hhsim.result.wording import motion_name, object_name
 from hhsim.system.atomic_write import write_together
 from hhsim.system.counted import counted
 from hhsim.system.output_path import check_output_path, holds
 from hhsim.system.progress import Progress, silent
-from hhsim.table import file as bench_file
 from hhsim.table.html import render
+from hhsim.view.scene_log import Moment, clearest_view, moment, overview_tick
+from hhsim.view.viewer import shown_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+PICTURE = (3.6, 3.2)
+"""Width and height of the picture of one tick [inches]."""
+SMALL_TEXT = 12.5
+"""Size of its text [pt]: 12 pixels where the picture is shown 16 rem wide beside others."""
+RENDER_DPI = 170
+"""Resolution of the rendered part; text is finer."""
+MARGIN = 0.06
+"""Share of the picture that is left free on each side for the numbers at the arrows."""
+DOT = "#212126"
+BAR = 0.02
+"""Length of the bar that shows the scale [m]."""
+HANDS = "Skin: graphic hand. Blue: haptic hand. Dots: contacts. Red: forces; the object is see-through."
+CUT = "The object is larger than the picture, and cut at its edge."
+
+
+def overview_picture(result: Result, view: View | None = None) -> ReportFigure:
+    """Draw the hand at `overview_tick`; InputError without a tick, or as `hand_picture`."""
+    tick = overview_tick(result)
+    time, phase = float(result.at(tick, ["time"])["time"]), result.phase_at(tick) or "no phase"
+    return replace(hand_picture(result, tick, view), name="hand", title=f"Tick {tick:,}, at {time:.3f} s, {phase}")
+
+
+def overview_view(result: Result) -> View:
+    """Return the viewer's direction that shows most of `overview_tick`; errors as `overview_picture`."""
+    return _seen(result, overview_tick(result), None)[2]
+
+
+def draw(result: Result | str | Path, tick: int | None = None, view: tuple[float, float] | None = None) -> ReportFigure:
+    """Draw the hand on the object at one tick, with contact points and forces; a notebook shows the picture by itself.
+
+    The result is one of a replay or a session, or its file; ticks count from 0, and None is `overview_tick`. View and
+    errors are as of `hand_picture`.
+    """
+    # The camera moves along with an object that moves.
+    seen = (result if isinstance(result, Result) else load_result(result)).seen_from_object
+    return hand_picture(seen, overview_tick(seen) if tick is None else tick, view)
+
+
+def hand_picture(result: Result, tick: int, view: tuple[float, float] | None = None) -> ReportFigure:
+    """Draw the hand at one tick, with contact points and forces.
+
+    Args:
+        tick: Number of the tick, from 0.
+        view: Azimuth from x to y and elevation [degrees] of the viewer; None for the one that shows most.
+
+    Raises:
+        InputError: No such tick, or the result's hand cannot be told (`hhsim.replay.stored_scene.stored_hand`).
+    """
+    shown, body, towards, cut = _seen(result, tick, view)
+    touching = dict.fromkeys(force.name.partition("/")[0] for force in shown.forces)
+    name = str(result.scene.get("object_name") or result.scene.get("object") or "the object")
+    total = float(np.linalg.norm(result.at(tick, ("force/total",))["force/total"]))
+    felt = f"forces on {', '.join(touching)}, resultant {total:.2f} N" if touching else "no force"
+    tips = np.array([force.contact for force in shown.forces]).reshape(-1, 3) + shown.arrows
+    points = np.concatenate([*(surface.points for surface in (*shown.hands, body)), tips])
+    shape = (round(PICTURE[1] * RENDER_DPI), round(PICTURE[0] * RENDER_DPI))
+    camera = frame(points, look_from(towards.towards), shape, MARGIN)
+    with new_figure(*PICTURE) as figure:
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        layers, forces = transparent(*shown.hands, shade(body, camera), shown.forces, camera)
+        _show(axes, blend(layers), replace(shown, forces=forces), camera)
+        alt = f"The hand at {name}, tick {tick:,}: {felt}."
+        return page_figure(f"tick-{tick}", f"Tick {tick:,}", f"{HANDS} {CUT}" if cut else HANDS, alt, figure)
+
+
+def _seen(result: Result, tick: int, view: tuple[float, float] | None) -> tuple[Moment, Surface, View, bool]:
+    """Return hands, forces and contacts of a tick, the object near them, the view, and whether the object is cut."""
+    scene = shown_scene(result)
+    shown = moment(result, scene, tick)
+    mesh = scene.placed(result.meshes_moved(tick))
+    near = near_hands(mesh, np.concatenate([hand.points for hand in shown.hands]))
+    body = mesh_surface(near, STONE)
+    towards = clearest_view(shown, body) if view is None else View(*view)
+    return shown, body, towards, near is not mesh
+
+
+def _show(axes: "Axes", picture: FloatArray, shown: Moment, camera: Camera) -> None:
+    """Show a picture with the bar of its scale, contacts, and the sizes of forces."""
+    axes.imshow(picture, interpolation="antialiased", aspect="auto")
+    axes.set_axis_off()
+    seen = (shown.contacts.point - camera.center) @ camera.rotation.T * (camera.shape[0] / camera.height)
+    x, y = 0.5 * camera.shape[1] + seen[:, 0], 0.5 * camera.shape[0] - seen[:, 1]
+    axes.scatter(x, y, s=9.0, facecolor=DOT, edgecolor="white", linewidth=0.5, zorder=3)
+    label(axes, shown.forces, camera, size=SMALL_TEXT, pixel=100.0 / RENDER_DPI)
+    rows, columns = camera.shape
+    long, left, down = BAR * rows / camera.height, 0.04 * columns, 0.95 * rows
+    axes.plot([left, left + long], [down, down], color=INK, linewidth=1.6, solid_capstyle="butt")
+    text = f"{100.0 * BAR:g} cm"
+    axes.text(left + 0.5 * long, down - 0.01 * rows, text, ha="center", va="bottom", fontsize=SMALL_TEXT)
+
 
 GENERATOR = "hhsim report"
 """Program that the page names."""
@@ -55,7 +158,7 @@ class Report:
         for run in self.runs:
             lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
-        beside = self.runs[0].label if self.runs else ""
+        beside = self.runs[0].label
         return lines + [f"{run.label} beside {beside}: {found.sentence()}" for run, found in compared if found]
 
     def to_json(self) -> dict[str, Any]:
@@ -92,9 +195,8 @@ class ReportFiles(NamedTuple):
 
 
 def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report:
-    """Make the page of results and tables of `hhsim bench`, in the order of the files; InputError for another file."""
-    tables = {path: bench_file.load_table(path) for path in paths if bench_file.is_table(path)}
-    results = [hand for path in paths if path not in tables for hand in load_result(path).hands.values()]
+    """Make the page of results, in the order of the files; InputError for another file."""
+    results = [hand for path in paths for hand in load_result(path).hands.values()]
     steps = itertools.count()
 
     def report_step(what: str) -> None:
@@ -103,20 +205,18 @@ def make_report(paths: Sequence[Path], *, progress: Progress = silent) -> Report
     report_step("reading")
     runs = report_runs(results)
     comparisons = [None if of_one_run(results[0], other) else compare(results[0], other) for other in results[1:]]
-    parts = _result_parts(runs, comparisons, report_step) if runs else {}
-    benches = {}
-    for number, (path, found) in enumerate(tables.items(), 1):
-        section = bench_section(found, path.name)
-        if len(tables) > 1 and section["chart"] is not None:
-            section["chart"] = replace(section["chart"], name=f"bench-{number}-{section['chart'].name}")
-        benches[f"bench-{number}"] = section
-    charts = [section["chart"] for section in benches.values()]
-    shown = (*parts.get("hands", ()), *parts.get("figures", {}).values(), *charts)
+    report_step("the hand")
+    hands, figures = _hands(runs), {}
+    for name, make in CHARTS.items():
+        report_step(f"chart of {name}")
+        figures[name] = make({run.label: run.result for run in runs})
+    shown = (*hands, *figures.values())
     pictures = {figure.name: figure.png for figure in shown if isinstance(figure, ReportFigure)}
-    title = title_of(runs, [found.suite for found in tables.values()])
+    title, subtitle = title_of(runs), subtitle_of(runs, one=not any(comparisons))
     html = render(
-        "report/report.html", title=title, generator=GENERATOR, version=__version__,
-        runs=runs, several=len(runs) > 1, benches=benches, **parts,
+        "report/report.html", title=title, subtitle=subtitle, generator=GENERATOR, version=__version__,
+        runs=runs, several=len(runs) > 1, hands=hands, hands_note=f"{HANDS} {CUT_OBJECT}", figures=figures,
+        **result_tables(runs, comparisons),
     )  # fmt: skip
     return Report(title, html, pictures, tuple(runs), tuple(comparisons))
 
@@ -163,26 +263,6 @@ def write_report(report: Report, output_path: Path) -> ReportFiles:
     return ReportFiles(page, tuple(files))
 
 
-def _result_parts(
-    runs: Sequence[ReportRun], comparisons: Sequence[Comparison | None], report_step: Callable[[str], None]
-) -> dict[str, Any]:
-    """Return what the page shows of results, by the names of its template."""
-    results = {run.label: run.result for run in runs}
-    report_step("the hand")
-    hands = _hands(runs)
-    figures = {}
-    for name, make in CHARTS.items():
-        report_step(f"chart of {name}")
-        figures[name] = make(results)
-    return {
-        "subtitle": subtitle_of(runs, one=not any(comparisons)),
-        "figures": figures,
-        "hands": hands,
-        "hands_note": f"{HANDS} {CUT_OBJECT}",
-        **result_tables(runs, comparisons),
-    }
-
-
 def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
     """Return the hand of each result, all seen from one side.
 
@@ -206,20 +286,16 @@ def _hands(runs: Sequence[ReportRun]) -> list[ReportFigure | str]:
 MOST_NAMED = 4
 
 
-def title_of(runs: Sequence[ReportRun], tables: Sequence[str]) -> str:
-    """Return what a report is of, in a line; `tables` are the suites of its bench tables."""
-    parts = []
-    if runs and all(of_one_run(runs[0].result, run.result) for run in runs[1:]):
+def title_of(runs: Sequence[ReportRun]) -> str:
+    """Return what a report is of, in a line."""
+    if all(of_one_run(runs[0].result, run.result) for run in runs[1:]):
         whole = replace(runs[0].result, hands={}) if len(runs) > 1 else runs[0].result
-        parts.append(replace(runs[0], result=whole).name)
-    elif runs:
-        scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
-        # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
-        named = [run.label for run in runs] if len(scenes) == 1 else scenes
-        shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
-        parts.append(f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}")
-    parts += [f"hhsim bench {suite}" for suite in tables]
-    return "; ".join(parts)
+        return replace(runs[0], result=whole).name
+    scenes = list(dict.fromkeys(f"{object_name(run.result)}, {motion_name(run.result)}" for run in runs))
+    # Of several scenes the labels repeat object and motion: they are told below, and the scenes here.
+    named = [run.label for run in runs] if len(scenes) == 1 else scenes
+    shown = "; ".join([*named[:MOST_NAMED], *(["…"] if len(named) > MOST_NAMED else [])])
+    return f"{scenes[0]}: {shown}" if len(scenes) == 1 else f"{len(runs)} results: {shown}"
 
 
 def subtitle_of(runs: Sequence[ReportRun], *, one: bool) -> str:

@@ -13,7 +13,7 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.report import figure as style
-from hhsim.report.run import BLOCK_TICKS
+from hhsim.report.sections import BLOCK_TICKS
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.system.counted import counted

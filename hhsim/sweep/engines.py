@@ -1,6 +1,10 @@
-"""Engines that run tasks: processes of this machine, or a Dask cluster (one that runs already, or a local one)."""
+"""Engines that run tasks: processes of this machine, or a Dask cluster (one that runs already, or a local one).
+
+Tasks write in a folder, which is locked against a second run.
+"""
 
 import contextlib
+import json
 import os
 import signal
 import threading
@@ -13,11 +17,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from hhsim.errors import HhsimError, InputError
+from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.sweep.input_files import source_digest
-from hhsim.system.deferred_sigint import interruptible_between
+from hhsim.system import posix
+from hhsim.system.input_file import read_input_text
 from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -27,6 +32,7 @@ LOCAL = "local"
 """Word for a cluster of this machine, in the place of a scheduler's address."""
 ONE_AT_A_TIME = threading.Lock()
 """Lock of the process: the threads of a cluster's worker must not disturb each other's times."""
+LOCK = ".lock"
 PATIENCE = 10
 """Longest wait for a scheduler [s]."""
 
@@ -40,22 +46,11 @@ class TaskEnd:
     ticks: int = 0  # number of ticks in all its runs
 
 
-class Task(Protocol):
-    """Work of which a worker gets a copy; its digest tells it from the others."""
-
-    @property
-    def digest(self) -> str:
-        """Name among the tasks of a run."""
-
-    def run(self) -> TaskEnd:
-        """Do the work and write what it makes."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class FolderTask:
-    """Task that writes in a folder which every process that runs such tasks sees."""
+class Task:
+    """Work of which a worker gets a copy; it writes in a folder which every process that runs such tasks sees."""
 
-    digest: str
+    digest: str  # tells it from the others
     folder: str  # absolute
     sources: str  # digest of the hhsim that planned it
 
@@ -77,6 +72,44 @@ class FolderTask:
         raise NotImplementedError
 
 
+@contextlib.contextmanager
+def locked(path: Path, inner: Path, what: str) -> Iterator[None]:
+    """Make and lock a folder and one in it; OutputError if it is not writable, or another `what` works in it."""
+    try:
+        inner.mkdir(parents=True, exist_ok=True)
+        lock = os.open(path / LOCK, posix.CREATE_FLAGS, 0o644)
+    except OSError as error:
+        raise OutputError(f"cannot write in {path}: {error.strerror or error}") from error
+    try:
+        try:
+            posix.lock(lock)
+        except BlockingIOError:
+            raise OutputError(f"another {what} works in {path}: wait for it, or name another folder") from None
+        except OSError:
+            # A file system without locks: two runs do each other's work twice, and no harm.
+            pass
+        yield
+    finally:
+        os.close(lock)
+
+
+def check_own(path: Path, is_own: bool, what: str) -> None:
+    """Raise OutputError for a file, or a folder that is not empty and not its own, as that of a `what` is."""
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path} is a file, not a folder: name another with --out")
+    if not is_own and path.is_dir() and any(path.iterdir()):
+        raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
+
+
+def has_format(path: Path, form: str) -> bool:
+    """Return True if a file is a JSON document of this format."""
+    try:
+        found = json.loads(read_input_text(path))
+    except (OSError, ValueError):
+        return False
+    return isinstance(found, dict) and found.get("format") == form
+
+
 def error_line(error: Exception) -> str:
     """Return an error in one line, with its type if it is none of hhsim's or the system's."""
     text = " ".join(str(error).split())
@@ -87,44 +120,33 @@ def error_line(error: Exception) -> str:
 def run_to_end(
     tasks: Sequence[Task],
     stage: str,
-    on_end: Callable[[TaskEnd], str],
+    on_end: Callable[[TaskEnd], None],
     progress: Progress,
     *,
     scheduler: str = "",
-    jobs: int = 0,
+    jobs: int,
     done: int = 0,
-    kept: bool = True,
 ) -> None:
-    """Run tasks in `jobs` processes, in this one if that is 0, or on a cluster if a scheduler is given.
+    """Run tasks in `jobs` processes, or on a cluster if a scheduler is given.
 
-    `on_end` is called at each end; what it returns stands behind the stage in the progress. `done` tasks were done
-    before. A note on an interrupt says how many are done, if they are `kept`.
+    `on_end` is called at each end. `done` tasks were done before. A note on an interrupt says how many are done.
     """
     total = done + len(tasks)
     progress(stage, done, total)
     try:
-        with closing(run_tasks(tasks, scheduler, jobs) if scheduler or jobs else run_here(tasks)) as ends:
+        with closing(run_tasks(tasks, scheduler, jobs)) as ends:
             for end in ends:
-                more = on_end(end)
+                on_end(end)
                 done += 1
-                progress(f"{stage}{more}", done, total)
+                progress(stage, done, total)
     except KeyboardInterrupt as interrupt:
-        if kept:
-            interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
+        interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
         raise
 
 
 def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
     """Run tasks in `jobs` processes, or on a cluster if a scheduler is given; as the functions for these two."""
     return run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
-
-
-def run_here(tasks: Sequence[Task]) -> Generator[TaskEnd, None, None]:
-    """Run tasks in this process, one after the other; Ctrl-C is heard between two."""
-    with interruptible_between() as check_interrupt:
-        for task in tasks:
-            yield task.run()
-            check_interrupt()
 
 
 def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, None, None]:
@@ -136,7 +158,7 @@ def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, Non
     def begin(worker: "_Worker") -> None:
         if waiting:
             task = waiting.popleft()
-            running[worker.pool.submit(_run, task)] = worker, task
+            running[worker.pool.submit(task.run)] = worker, task
 
     with _one_thread():
         try:
@@ -160,10 +182,6 @@ def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, Non
         finally:
             for worker in workers:
                 worker.stop()
-
-
-def _run(task: Task) -> TaskEnd:
-    return task.run()
 
 
 class _Worker:
@@ -250,7 +268,7 @@ def run_with_client(client: Any, tasks: Sequence[Task]) -> Generator[TaskEnd, No
 
     # A name of its own for each attempt: one that failed before would be answered from memory.
     attempt = uuid.uuid4().hex[:8]
-    futures = {client.submit(_run, task, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
+    futures = {client.submit(task.run, key=f"hhsim-{task.digest}-{attempt}", pure=False): task for task in tasks}
     try:
         for future in as_completed(list(futures)):
             error = future.exception()

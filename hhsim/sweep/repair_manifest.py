@@ -19,43 +19,30 @@ Of the keys of a recording the first two are required::
 Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
 world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode. Files are relative to the
 manifest's folder.
-
-A row is repaired in whatever process; outcome.json, written last, is what its folder keeps of it.
 """
 
-import faulthandler
-import hashlib
-import json
 import os
 import re
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta, field, structs
+from msgspec import Meta, field
 
-from hhsim import __version__
-from hhsim.errors import InputError, TrajectoryError, UnknownNameError
+from hhsim.errors import InputError, UnknownNameError
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.recordings.column_map import read_column_map
 from hhsim.recordings.formats.mano import READINGS
 from hhsim.recordings.registry import ReadOptions, repaired_suffix
-from hhsim.repair.request import Repair, RepairRequest
-from hhsim.sweep.engines import FolderTask, TaskEnd, error_line
-from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
-from hhsim.sweep.plan import DIGITS, WILD, SweptObject, checked_object
-from hhsim.system.atomic_write import write_atomically
-from hhsim.system.input_file import read_input_text
-from hhsim.system.plain_json import plain_json
+from hhsim.repair.request import RepairRequest
+from hhsim.sweep.plan import WILD, SweptObject, checked_object
 from hhsim.system.settings_file import Settings, Version, a_list, between, one_of, parse_settings, read_toml_text, typed
 
 NAME = re.compile(r"[^./\\][^/\\]{0,99}")
 OF_THE_FOLDER = ("table.csv", "table.json", "repairs.json")
-OF_THE_ROW = ("outcome.json",)
+OUTCOME = "outcome.json"
 """Files of the output folder, and of the folder of a row."""
 WITH_PLACES = ("object", "poses", "name", "mano_model", "columns", "profile")
 """Keys in which the parts of a pattern may be named."""
@@ -183,7 +170,7 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures:
     name = row.name or recording.stem
     if not NAME.fullmatch(name) or name.casefold() in OF_THE_FOLDER:
         raise InputError(f"{where}: name: '{name}' is none for a folder: expected at most 100 letters, no / in them")
-    if recording.name.casefold() in OF_THE_ROW:
+    if recording.name.casefold() == OUTCOME:
         raise InputError(f"{where}: recording: {recording.name} is the name of a file beside it: rename the recording")
     if names_a_file(row.object) or not names_a_body_file(row.object):
         checked_object(f"{where}: object", folder, SweptObject(row.object, unit=row.unit, size_mm=row.size_mm))
@@ -231,156 +218,3 @@ _OF_THE_READER = (
     *("array", "joint_order", "pose_order", "pose_unit"),
 )
 """Keys that are fields of `hhsim.recordings.registry.ReadOptions` as they are."""
-
-
-OUTCOME = "outcome.json"
-State = Literal["repaired", "missed", "refused", "failed"]
-
-
-class RowOutcome(Settings, frozen=True, kw_only=True):
-    """Outcome of a row."""
-
-    format: Literal["hhsim-repair"] = "hhsim-repair"
-    version: Version = 1
-    digest: str  # digest of what it depends on
-    # "repaired" within all limits; "missed", repaired but a limit is missed; "refused", a recording that cannot be read
-    # or used; "failed" for any other reason.
-    state: State
-    reason: str = ""  # reason of a state other than "repaired"
-    is_final: bool = True  # False if the same row may come to another end next time, as after a crash
-    # As in `hhsim.repair.request.RepairOutcome`; null for NaN.
-    figures: dict[str, float | None] = field(default_factory=dict)
-    frames: int = 0
-    marked: tuple[int, ...] = ()
-    verdict: str = ""
-    doubts: tuple[str, ...] = ()
-    findings: tuple[str, ...] = ()
-    paths: dict[str, str] = field(default_factory=dict)  # names of files in the row's folder, by what they hold
-
-
-@dataclass(frozen=True, kw_only=True)
-class RowTask(FolderTask):
-    """Row of a manifest, in the folder of all of them: the end has a reason if it left no outcome in its own folder."""
-
-    row: PlannedRepair
-    repair: Repair  # function of a module that the process can import
-
-    def work(self) -> TaskEnd:
-        """Repair the recording."""
-        folder = self.row.request.out.parent
-        # A cluster runs again what a worker had done when it was lost.
-        if not finished(self.row, self.digest):
-            _empty(folder)
-            write_outcome(folder, self._outcome(folder))
-        return TaskEnd(self.digest)
-
-    def _outcome(self, folder: Path) -> RowOutcome:
-        try:
-            with _within(self.row.time_limit):
-                files = row_files(self.row)
-                if row_digest(self.row) != self.digest:
-                    raise LostFileError(CHANGED)
-                try:
-                    done = self.repair(self.row.request)
-                finally:
-                    if row_files(self.row) != files:
-                        raise LostFileError(CHANGED)
-            if not self.row.request.out.is_file():
-                raise InputError(f"it wrote no {self.row.request.out.name}")
-            return RowOutcome(
-                digest=self.digest,
-                state="repaired" if done.ok else "missed",
-                reason="" if done.ok else done.verdict,
-                figures={name: float(value) for name, value in done.figures.items()},
-                frames=int(done.frames),
-                marked=tuple(map(int, done.marked)),
-                verdict=done.verdict,
-                doubts=tuple(done.doubts),
-                findings=tuple(done.findings),
-                paths={name: Path(os.path.relpath(path, folder)).as_posix() for name, path in done.paths.items()},
-            )
-        except Exception as error:
-            is_final = isinstance(error, InputError | TrajectoryError) and not isinstance(error, LostFileError)
-            state: State = "refused" if isinstance(error, TrajectoryError) else "failed"
-            _empty(folder)
-            return RowOutcome(digest=self.digest, state=state, reason=error_line(error), is_final=is_final)
-
-
-@contextmanager
-def _within(seconds: float) -> Iterator[None]:
-    """End the process where this takes longer [s]."""
-    with Path(os.devnull).open("w") as nowhere:
-        # Its thread waits for no lock of Python, which compiled code may hold.
-        faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
-        try:
-            yield
-        finally:
-            faulthandler.cancel_dump_traceback_later()
-
-
-def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
-    """Return the files that a row reads, as they are now; InputError if one cannot be read."""
-    request = row.request
-    shape = [Path(request.object)] if names_a_file(request.object) else []
-    given = [value for name, value in (*vars(request).items(), *request.options.items()) if name != "out"]
-    return tuple(read for value in (*given, *shape) if isinstance(value, Path) for read in read_files(value))
-
-
-def row_digest(row: PlannedRepair) -> str:
-    """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
-    request = row.request
-    stated = {name: value for name, value in vars(request).items() if name != "out"}
-    stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
-    stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
-    text = json.dumps(stated, sort_keys=True, default=_content)
-    return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
-
-
-def read_outcome(row: PlannedRepair, digest: str) -> RowOutcome | None:
-    """Return the outcome of a row with this digest; None if there is none, or it lacks its recording."""
-    path = row.request.out.parent / OUTCOME
-    try:
-        found = typed(json.loads(read_input_text(path)), RowOutcome, str(path))
-    except (OSError, ValueError, InputError):
-        return None
-    if found.state in ("repaired", "missed") and not row.request.out.is_file():
-        return None
-    return found if found.digest == digest else None
-
-
-def finished(row: PlannedRepair, digest: str) -> RowOutcome | None:
-    """Return the outcome of a row that has come to an end for good."""
-    found = read_outcome(row, digest)
-    return found if found is not None and found.is_final else None
-
-
-def write_outcome(folder: Path, outcome: RowOutcome) -> None:
-    """Write the outcome of a row in one step; OutputError if that fails."""
-    text = json.dumps(plain_json(structs.asdict(outcome)), indent=1, allow_nan=False)
-    write_atomically(folder / OUTCOME, f"{text}\n".encode())
-
-
-def keep_lost(task: RowTask, reason: str) -> None:
-    """Write the outcome of a row whose worker left none; OutputError if that fails."""
-    folder = task.row.request.out.parent
-    _empty(folder)
-    reason = f"{reason}; its time_limit is {task.row.time_limit:,g} s"
-    write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
-
-
-def _empty(folder: Path) -> None:
-    """Make a folder, and remove what is in it."""
-    folder.mkdir(exist_ok=True)
-    for path in folder.iterdir():
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-
-
-def _content(value: Any) -> str:
-    try:
-        return file_digest(value) if isinstance(value, Path) else repr(value)
-    except InputError as error:
-        # The repair of this row will say so; the others go on.
-        return str(error)

@@ -1,36 +1,137 @@
 """Sweep: runs the cells of a plan that are not done yet, and keeps each outcome as soon as it ends.
 
-A cell is run in whatever process: what `hhsim replay` makes of the same words, in the sweep's folder.
+A cell is run in whatever process: what `hhsim replay` makes of the same words, in the folder of the sweep. `sweep.json`
+identifies that folder, and `cells/` has each cell's result (DIGEST.h5) and row (DIGEST.json). Each appears in one step,
+so that an interrupted sweep leaves only complete files.
 """
 
+import contextlib
+import hashlib
 import json
+import math
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, TypeAlias
 
 from msgspec import structs
 
-from hhsim.errors import HhsimError
+from hhsim.errors import HhsimError, InputError
 from hhsim.mesh.catalogue import names_a_file
+from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.replay import replay_scene
-from hhsim.replay.summary import ReplaySummary, repeated_document
+from hhsim.replay.summary import ReplaySummary, digits_with, repeated_document
 from hhsim.result.writer import add_document
 from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
 from hhsim.scene.motion_catalogue import trajectory_names
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.engines import FolderTask, TaskEnd, require_dask, run_to_end
-from hhsim.sweep.folder import PARTIAL, SweepFolder, content_digest, write_row
+from hhsim.sweep.engines import Task, TaskEnd, check_own, has_format, locked, require_dask, run_to_end
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files, source_digest
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
 from hhsim.system import environment as info
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.input_file import read_input_text
+from hhsim.system.plain_json import plain_json
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import on_own_core, physical_cores
+from hhsim.table.table import Column, Table, number, shown, words
+
+MARK = "sweep.json"
+CELLS = "cells"
+FORMAT, ROW_FORMAT, VERSION = "hhsim-sweep", "hhsim-cell", 1
+PARTIAL = ".partial.h5"
+"""Suffix of a result that is being written, in a name that begins with a point."""
+
+
+class SweepFolder:
+    """Folder of a sweep, which may not exist yet; OutputError where another file or folder is."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cells = path / CELLS
+        check_own(path, has_format(path / MARK, FORMAT), "sweep")
+
+    @contextlib.contextmanager
+    def taken(self, plan: SweepPlan) -> Iterator[None]:
+        """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
+        with locked(self.path, self.cells, "sweep"):
+            try:
+                content = {"format": FORMAT, "version": VERSION, "name": plan.name, "plan": plan.text}
+                write_atomically(self.path / MARK, (json.dumps(content, indent=1) + "\n").encode())
+                self._clean()
+                yield
+            finally:
+                with contextlib.suppress(OSError):
+                    self._clean()
+
+    def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
+        """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
+        path, row = self.row_path(planned), self.row(planned)
+        result = row.get("result")
+        if not row or (with_result and not result):
+            return False
+        if result and content_digest(self.cells / result) != row.get("result_sha256"):
+            return False
+        if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
+            return False
+        if row["cell"] != _named(planned.cell):
+            write_row(path, planned.cell, planned.digest, row)
+        return True
+
+    def row(self, planned: PlannedCell) -> dict[str, Any]:
+        """Return the row of a cell that was run, however often; {} for any other, and one not as it was written."""
+        try:
+            found = json.loads(read_input_text(self.row_path(planned)))
+        except (OSError, ValueError, InputError):
+            return {}
+        wanted = {"format": ROW_FORMAT, "version": VERSION, "digest": planned.digest}
+        is_whole = (
+            isinstance(found, dict) and wanted.items() <= found.items() and found.get("sha256") == _row_digest(found)
+        )
+        return found if is_whole else {}
+
+    def row_path(self, planned: PlannedCell) -> Path:
+        """Return the path of a cell's row."""
+        return self.cells / f"{planned.digest}.json"
+
+    def _clean(self) -> None:
+        for pattern in (f".*{PARTIAL}", ".*.tmp"):
+            for left in self.cells.glob(pattern):
+                left.unlink(missing_ok=True)
+
+
+def content_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes, hexadecimal; "" if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
+    """Write the row of a cell in one step, null for NaN and infinity; OutputError if it cannot be."""
+    row = plain_json({**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)})
+    sealed = {**row, "sha256": _row_digest(row)}
+    write_atomically(path, (json.dumps(sealed, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+
+
+def _row_digest(row: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of what a row holds beside it, hexadecimal."""
+    content = {name: value for name, value in row.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _named(cell: Cell) -> dict[str, Any]:
+    """Return the names that a plan gives a cell."""
+    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method}
+    return {**names, "surface": cell.surface, "options": cell.options_name, "seed": cell.seed}
+
 
 OF_THE_ROW = (
     *("object", "object_mesh", "level", "max_error", "trajectory", "samples", "place_object", "hand_file"),
@@ -40,7 +141,7 @@ OF_THE_ROW = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CellTask(FolderTask):
+class CellTask(Task):
     """Cell of a sweep, in its folder."""
 
     cell: Cell
@@ -188,11 +289,10 @@ def run_sweep(
             }
             tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
 
-            def on_end(end: TaskEnd) -> str:
+            def on_end(end: TaskEnd) -> None:
                 nonlocal ticks
                 ticks += end.ticks
                 failed.update({end.digest: end.reason} if end.reason else {})
-                return ""
 
             run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=workers, done=before)
     return SweepSummary(len(plan.cells), len(waiting) - len(failed), before, failed, ticks, perf_counter() - began)
@@ -206,13 +306,96 @@ def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = 
         for c in (planned.cell for planned in cells)
     }
     total = len(kinds) + len(shapes)
-    for number, cell in enumerate([*kinds.values(), *shapes.values()]):
-        progress("getting ready", number, total)
+    for place, cell in enumerate([*kinds.values(), *shapes.values()]):
+        progress("getting ready", place, total)
         try:
             loaded = load_cell(cell, plan.folder)
-            if number < len(kinds):
+            if place < len(kinds):
                 warm_up(loaded.hands[0], cell.solver_options())
             else:
                 loaded.grown()
         except HhsimError:
             continue
+
+
+TABLE = "table.csv"
+"""File of the table in the folder of a sweep."""
+FAILED = "failed"
+NOTE = "~ before a time: its cell had no core of its own, so that it compares with no other time"
+CellRow: TypeAlias = dict[str, Any]
+"""Values of a cell by the names of `COLUMNS`."""
+NAMES = tuple(map(words, ("object", "motion", "method", "surface", "options")))
+COLUMNS: tuple[Column, ...] = (
+    *NAMES,
+    Column("seed"),
+    words("machine"),
+    words("verdict"),
+    Column("times_comparable", "whether its ticks had a core of their own: else its times say little"),
+    Column("runs"),
+    # Times are means over the runs.
+    *(Column(name, metric.label, metric.unit) for name, metric in run_metrics().items()),
+    *(Column(f"{name}_std", unit=metric.stored_unit) for name, metric in run_metrics().items() if metric.noise),
+    words("reason"),
+)
+"""Every figure, SI or %: for programs."""
+
+
+def cell_rows(plan: SweepPlan, folder: SweepFolder, failed: Mapping[str, str]) -> list[CellRow]:
+    """Return the rows of the cells that are done or have `failed` (reasons by digest), in the order of the plan."""
+    rows = []
+    for planned in plan.cells:
+        if reason := failed.get(planned.digest):
+            rows.append(failed_row(planned.cell, reason))
+        elif row := folder.row(planned):
+            rows.append(done_row(planned.cell, row))
+    return rows
+
+
+def failed_row(cell: Cell, reason: str) -> CellRow:
+    """Return the row of a cell without a result."""
+    options = f"{cell.options_name}: {cell.stated}" if cell.stated else cell.options_name
+    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method, "surface": cell.surface}
+    about = {"options": options, "seed": cell.seed, "machine": "", "verdict": FAILED, "runs": 1, "reason": reason}
+    return {**dict.fromkeys(column.name for column in COLUMNS), **names, **about, "times_comparable": False}
+
+
+def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
+    """Return the row of a cell that was run, from its file."""
+    repeated = row.get("repeated", {})
+    times = repeated.get("times", {})
+    found = {**row["summary"], **{name: time["mean"] for name, time in times.items()}}
+    return {
+        **failed_row(cell, ", ".join(row["missed"])),
+        **{name: found.get(name) for name in run_metrics()},
+        **{f"{name}_std": time["std"] for name, time in times.items()},
+        "verdict": row["verdict"],
+        "machine": str(row["machine"].get("cpu", "")),
+        "times_comparable": bool(row["own_core"]),
+        "runs": repeated.get("runs", 1),
+    }
+
+
+def shown_table(rows: Sequence[CellRow]) -> Table:
+    """Return the table as people read it."""
+    columns = (
+        *NAMES,
+        words("verdict", lambda row: f"{row['verdict']}: {row['reason']}" if row["reason"] else row["verdict"]),
+        number("depth", "penetration_max", "µm", 3),
+        number("off the mesh", "contact_error_max", "mm", 3),
+        number("over optimum", "tracking_excess", "%", 2),
+        number("force", "force_contact_mean", "N", 2),
+        number("stuck", "stuck_ticks"),
+        number("p50", lambda row: _time(row, "tick_cpu_p50"), "µs"),
+        number("p99", lambda row: _time(row, "tick_cpu_p99"), "µs"),
+    )
+    alone = all(row["times_comparable"] for row in rows if row["verdict"] != FAILED)
+    return Table(columns, rows, notes=() if alone else (NOTE,))
+
+
+def _time(row: CellRow, name: str) -> str:
+    """Return a time in µs, with ± standard deviation where there is one."""
+    seconds, deviation = (math.nan if row[key] is None else row[key] for key in (name, f"{name}_std"))
+    digits = digits_with(1e6 * deviation, 1)
+    text = shown(1e6 * seconds, digits)
+    text += f" ± {shown(1e6 * deviation, digits)}" if deviation == deviation else ""
+    return text if row["times_comparable"] or seconds != seconds else f"~{text}"

@@ -7,7 +7,7 @@ and an empty cell in CSV.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -25,18 +25,6 @@ ALL = "all"
 """Object or motion of a row that sums up."""
 
 Row: TypeAlias = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class BenchTable(Table):
-    """A table that was read back: suite, options, and other attributes (versions, machine, revision, time).
-
-    Each row is a dictionary by column name, of str, bool, int or float; a missing number is NaN.
-    """
-
-    suite: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
-    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
 def csv_path(output_path: Path) -> Path:
@@ -94,46 +82,7 @@ def table_document(path: Path, columns: Sequence[Column], options: Mapping[str, 
 def is_table(path: Path) -> bool:
     """Return True for a table of `hhsim bench`; False for any other file, or one that cannot be read."""
     try:
-        return path.suffix == SUFFIX and bool(_read(path))
-    except (InputError, OSError):
-        # The reader of results reports what is wrong with it.
+        found = json.loads(read_input_text(path)) if path.suffix == SUFFIX else None
+    except (InputError, OSError, ValueError):
         return False
-
-
-def load_table(path: Path) -> BenchTable:
-    """Read a table from its JSON file; InputError for none, another file, a newer version, or damage."""
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; expected a table of hhsim bench ({SUFFIX})")
-    found = _read(path)
-    if found.get("version") != VERSION:
-        raise InputError(f"{path}: version {found.get('version')!r} of a table, this hhsim reads {VERSION}")
-    try:
-        columns = tuple(Column(one["name"], one["says"], one["shown"]) for one in found.pop("columns"))
-        rows = tuple({column.name: row[column.name] for column in columns} for row in found.pop("rows"))
-        for name in (column.name for column in columns):
-            missing = "" if any(isinstance(row[name], str) for row in rows) else float("nan")
-            for row in rows:
-                row[name] = missing if row[name] is None else row[name]
-        suite, options = str(found.pop("suite")), dict(found.pop("options"))
-        return BenchTable(columns, rows, suite=suite, options=options, attributes=found)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path} is no readable table of hhsim bench: {error!r} is missing or wrong") from error
-
-
-def rows_of(path: Path, suite: str) -> list[dict[str, Any]]:
-    """Return the rows of a table of one suite; InputError as `load_table`, or for another suite's."""
-    table = load_table(path)
-    if table.suite != suite:
-        raise InputError(f"{path} is a table of hhsim bench {table.suite}: expected one of hhsim bench {suite}")
-    return list(table.rows)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(read_input_text(path))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} is no readable table of hhsim bench: {error}") from error
-    form = found.get("format") if isinstance(found, dict) else None
-    if form != FORMAT:
-        raise InputError(f"{path} is no table of hhsim bench: its format is {form!r}")
-    return dict(found)
+    return isinstance(found, dict) and found.get("format") == FORMAT

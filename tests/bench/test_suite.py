@@ -9,15 +9,12 @@ from typing import Any
 import pytest
 from conftest import Run
 
-from hhsim.bench import suite as module
 from hhsim.bench import suites
-from hhsim.bench.registry import SUITES, suite_lines
-from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.suite import Plan, Suite, run_tasks_of
-from hhsim.errors import InputError, OutputError
+from hhsim.bench.plan import SUITES, suite_lines
+from hhsim.bench.suite import Plan, Suite
+from hhsim.errors import InputError
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, parse_settings
-from hhsim.table.file import load_table
 from hhsim.table.table import Column, Table
 
 REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
@@ -32,21 +29,12 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("speed-error", {"surfaces": ("mesh",), "methods": ("coupled", "paper")}, "takes the surface spheres"),
     ("peers", {"motions": ("never",)}, "touches nothing"),
     ("peers", {"objects": ()}, "objects = .*at least one name"),
-    ("trees", {"objects": ("bunyn",)}, "bunny"),
-    ("trees", {"spheres": (40_000,)}, "32768"),
     ("paper", {"methods": ("best",)}, "best"),
     ("paper", {"objects": ("mug",)}, "mug"),
     ("paper", {"methods": ()}, "methods = .*at least one name"),
     ("paper", {"repetitions": 0}, "repetitions = 0"),
     ("paper", {"threads": 6}, "= 6; expected a whole number from 1 to 5"),
-    ("manipulation", {"cases": ("slop",)}, "unknown case 'slop'"),
     ("hard", {"ticks": 10}, "ticks = 10; expected a whole number from 8000"),
-)
-TARGETS: tuple[tuple[dict[str, Any], str], ...] = (
-    ({"hold": 0}, "hold"),
-    ({"bound": "finger"}, "unknown bound 'finger': known: none, palm"),
-    ({"flexion_range": (0.5, 1.5)}, "flexion_range"),
-    ({"flexion_range": (0.6, 0.5)}, "flexion_range"),
 )
 COMMANDS = (
     ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
@@ -55,17 +43,13 @@ COMMANDS = (
     ("speed-error --level 0", "expected whole numbers from 1 to 5 with commas between"),
     ("speed-error --level 3,x", "expected whole numbers from 1 to 5 with commas between"),
     ("speed-error --out none/a.json", "there is no folder"),
-    ("speed-error --peers none.json", "none.json: no such file; expected a table of hhsim bench"),
     ("stress --out x.csv", "x.csv must end in .json: the CSV file of the same name goes beside it"),
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
-    ("hard --resume .", ". holds other files, and no bench"),
     ("peers --plot a.json", "no picture by its ending"),
-    ("trees --size nan", "nan is not in the range 1<=x<=10000"),
+    ("stress --size nan", "nan is not in the range"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
-    ("recorded nowhere", "nowhere: no such file or folder"),
-    ("recorded", "no recordings"),
 )
 
 
@@ -75,27 +59,12 @@ def test_impossible_settings_are_refused(suite: str, values: dict[str, Any], mes
         SUITES[suite].planned(**values)
 
 
-@pytest.mark.parametrize(("values", "message"), TARGETS)
-def test_impossible_targets_are_refused(values: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        StressOptions(**values)
-
-
 @pytest.mark.parametrize(("words", "message"), COMMANDS)
 def test_a_command_refuses_before_the_work(run: Run, tmp_path: Path, words: str, message: str) -> None:
     (tmp_path / "thesis.parquet").write_text("no programs")
     answer = run("bench", *words.split())
     assert (answer.code, answer.out) == (2, "") and message in answer.err
     assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["thesis.parquet"]
-
-
-def test_answers_are_printed_and_written(run: Run, tmp_path: Path) -> None:
-    answer = run("bench", "manipulation", "--case", "slope", "--quick", "--out", "a.json")
-    assert answer.code == 0, answer.err
-    assert "every figure of ours holds" in answer.out.splitlines()
-    rows = load_table(tmp_path / "a.json").rows
-    assert {row["case"] for row in rows} == {"block on 30°, μ 0.3", "block on 30°, μ 0.6"}
-    assert all(row["holds"] == 1 and row["figure"] for row in rows)
 
 
 PLAN = """
@@ -125,7 +94,6 @@ class Doubles(Suite):
 
     numbers: tuple[Count, ...]
     repetitions: Count
-    is_portable = True
 
     @classmethod
     def plan(cls) -> Plan:
@@ -164,8 +132,6 @@ from hhsim.bench.suite import Suite
 @dataclass(frozen=True, kw_only=True)
 class Halves(Suite):
     numbers: tuple[int, ...]
-    table: str | None
-    is_portable = True
 
     def cells(self, progress):
         return self.numbers
@@ -182,7 +148,6 @@ help = "Halve numbers."
 
 [options]
 numbers = { default = [1, 2], help = "Numbers." }
-table = { help = "Table of numbers.", metavar = "FILE" }
 
 [figures]
 half = "half of a number"
@@ -194,23 +159,17 @@ def test_a_suite_is_a_module_and_a_plan(run: Run, tmp_path: Path, monkeypatch: p
     (tmp_path / "halves.toml").write_text(HALVES_PLAN)
     monkeypatch.setattr(suites, "__path__", [*suites.__path__, str(tmp_path)])
     assert suite_lines()["halves"] == "Halves of numbers."
-    answer = run("bench", "halves", "--numbers", "3,5", "--resume", "kept", "--json")
+    answer = run("bench", "halves", "--numbers", "3,5", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["rows"] == [{"half": 1.5}, {"half": 2.5}]
     assert "--numbers NUMBERS" in run("bench", "halves", "--help").out
-    # What a file holds is a part of the settings that name it.
-    for content in ("a", "a", "b"):
-        (tmp_path / "table.txt").write_text(content)
-        assert run("bench", "halves", "--table", "table.txt", "--resume", "of_files", "--quiet").code == 0
-    assert len(list((tmp_path / "of_files").glob("*.json"))) == 1 + 2 * 2
 
 
 @pytest.fixture
 def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Run the command of these doubles in the place of that of the trees."""
-    monkeypatch.setattr("hhsim.bench.suites.trees.SUITE", Doubles)
-    module._cells.cache_clear()
-    return lambda *words: run("bench", "trees", *words)
+    """Run the command of these doubles in the place of that of the stress."""
+    monkeypatch.setattr("hhsim.bench.suites.stress.SUITE", Doubles)
+    return lambda *words: run("bench", "stress", *words)
 
 
 def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[..., Any], tmp_path: Path) -> None:
@@ -221,9 +180,9 @@ def test_a_suite_has_one_table_for_people_files_and_programs(bench: Callable[...
         "the table is in a.json and a.csv",
     ]
     assert answer.err.splitlines()[-1] == "hhsim: note: a note"
-    table = load_table(tmp_path / "a.json")
-    assert (table.suite, table.options) == ("trees", {"numbers": [4, 5], "repetitions": 3})
-    assert table.rows == tuple({"number": n, "twice": 2.0 * n, "times": 3} for n in (4, 5))
+    table = json.loads((tmp_path / "a.json").read_text())
+    assert (table["suite"], table["options"]) == ("stress", {"numbers": [4, 5], "repetitions": 3})
+    assert table["rows"] == [{"number": n, "twice": 2.0 * n, "times": 3} for n in (4, 5)]
     assert (tmp_path / "a.csv").read_text().splitlines()[:2] == ["number,twice [m],times", "4,8.0,3"]
     document = json.loads(bench("--out", "a.json", "--json", "--quick").out)
     assert document["options"]["numbers"] == [7] and document["units"]["twice"] == "m"
@@ -245,37 +204,12 @@ def test_an_interrupt_keeps_the_cells_that_are_done(bench: Callable[..., Any], t
     answer = bench("--numbers", "4,66,5", "--out", "table.json")
     assert (answer.code, answer.out) == (130, "")
     assert "interrupted; what ran so far, 1 in all, is in table.json" in answer.err
-    assert [row["number"] for row in load_table(tmp_path / "table.json").rows] == [4]
-
-
-def test_cells_that_are_kept_are_not_run_again(
-    bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = bench("--numbers", "4,5", "--resume", "kept", "--json")
-    (done, _) = sorted(path for path in (tmp_path / "kept").glob("*.json") if path.name != module.MARK)
-    done.write_text(json.dumps([{"number": 4, "twice": 0.5, "times": 1}]))
-    again = json.loads(bench("--numbers", "4,5", "--resume", "kept", "--json").out)
-    assert json.loads(first.out)["rows"][0]["twice"] == 8.0
-    assert 0.5 in [row["twice"] for row in again["rows"]]
-    other = json.loads(bench("--numbers", "4,5", "--repetitions", "2", "--resume", "kept", "--json").out)
-    assert 0.5 not in [row["twice"] for row in other["rows"]], "other settings are another bench"
-
-
-@pytest.mark.soak
-def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
-    suite = SUITES["hard"].planned(cases=("never-touches", "too-many-pairs"), methods=("coupled",))
-    alone = run_tasks_of(suite, folder=tmp_path / "one")
-    assert repr(run_tasks_of(suite, jobs=2)) == repr(alone)
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.txt").write_text("mine")
-    with pytest.raises(OutputError, match="holds other files"):
-        run_tasks_of(suite, folder=tmp_path / "other")
+    assert [row["number"] for row in json.loads((tmp_path / "table.json").read_text())["rows"]] == [4]
 
 
 def test_every_suite_has_a_line_and_a_plan_of_its_settings() -> None:
     assert list(suite_lines()) == SUITES.names() and all(line.endswith(".") for line in suite_lines().values())
-    for name, suite in SUITES.items():
+    for suite in SUITES.values():
         assert {field.name for field in fields(suite)} == set(suite.plan().options)
-        if name != "recorded":
-            assert suite.planned() == suite.planned() and suite.planned(is_preset=True)
+        assert suite.planned() == suite.planned() and suite.planned(is_preset=True)
         assert len({column.name for column in suite.columns()}) == len(suite.columns())

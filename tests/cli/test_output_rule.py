@@ -36,7 +36,6 @@ WRITES = re.compile(r"\b([Ww]rit(e|ten)|[Dd]raw|Picture|[Oo]utput file|a film|Fo
 READ_ALL_THE_SAME = {
     "--self-contact": "keeps fingers out of each other",
     "--as": "says in which format OUT is",
-    "--peers": "a table that is read",
     "--baseline": "is compared with",
 }
 """Options whose help speaks of writing, and that name no output."""
@@ -45,7 +44,7 @@ WRITERS = {
     "hhsim/result/writer.py": "a result grows in a file that was not there",
     "hhsim/result/csv_export.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
-    "hhsim/sweep/repair_manifest.py": "the null device",
+    "hhsim/sweep/repair_batch.py": "the null device",
     "hhsim/recordings/formats/hhsim.py": "an image in memory",
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",
     "hhsim/live/processes.py": "memory, no file",

@@ -68,7 +68,7 @@ def test_a_command_takes_few_arguments_and_many_options_stand_under_headings(pat
     assert (len(sections) > 1) == (len(options_of(path)) > 15)
 
 
-ALIKE = "--out --json --quiet --seed --unit --budget --fingers --samples --place-object"
+ALIKE = "--out --json --quiet --seed --unit --budget --fingers --samples"
 """Options that mean the same wherever they are; others of one name differ as the commands do."""
 
 

@@ -11,15 +11,14 @@ from drawings_alone import leave_report_undrawn
 from report_reader import Page, read_page
 from short_grasp import short_grasp_text, short_result
 
-from hhsim.report.run import report_runs
-from hhsim.report.sections import result_tables
+from hhsim.report.sections import report_runs, result_tables
 from hhsim.result.reader import load_result
 
 
 @pytest.fixture(autouse=True)
 def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """How fine they are is not what is tested here, and takes most of the time."""
-    monkeypatch.setattr("hhsim.report.pictures.RENDER_DPI", 30)
+    monkeypatch.setattr("hhsim.report.report.RENDER_DPI", 30)
     monkeypatch.setattr("hhsim.report.figure.DPI", 50)
 
 

@@ -12,7 +12,7 @@ from hhsim.errors import MeshError, UnknownNameError
 from hhsim.mesh.catalogue import load_object, object_description, object_names
 from hhsim.mesh.file import read_own_ply, read_triangles
 from hhsim.mesh.repair import closed_surface, winding_faults
-from tools.build_catalogue import REFERENCE_SHAPES, derived_object, made_object, ply_bytes
+from tools.build_catalogue import derived_object, made_object
 from tools.shapes.generators import GENERATORS
 
 SIMPLE = ["sphere", "cylinder", "triangular-prism", "cube", "hexagonal-prism"]
@@ -64,7 +64,6 @@ def test_description_is_complete(name: str) -> None:
 
 def test_every_file_of_the_folder_belongs_to_an_object() -> None:
     wanted = {"__init__.py", "closures.json", "palm-tree.h5", "left-palm-tree.h5"}
-    wanted |= {f"{name}.ply" for name in REFERENCE_SHAPES}
     for name in object_names():
         description = object_description(name)
         wanted |= {
@@ -81,12 +80,6 @@ def test_shipped_file_is_what_the_generator_makes(name: str) -> None:
     shipped, made = load_object(name).mesh, made_object(name)
     assert shipped.vertices.tobytes() == made.vertices.tobytes()
     assert shipped.faces.tobytes() == made.faces.tobytes()
-
-
-@pytest.mark.parametrize("name", REFERENCE_SHAPES)
-def test_reference_shape_is_what_the_generator_makes(name: str) -> None:
-    file, made = files("hhsim.objects") / f"{name}.ply", REFERENCE_SHAPES[name]()
-    assert file.read_bytes() == ply_bytes(made.vertices, made.faces)
 
 
 def test_teapot_is_what_its_steps_make(shared_data: Path) -> None:

@@ -39,7 +39,7 @@ def test_a_round_cone_is_the_union_of_the_spheres_on_its_axis(seed: int) -> None
 def test_two_ways_to_the_same_clearance(seed: int) -> None:
     tree = cloud(np.random.default_rng(seed), 200) if seed % 2 else bumpy_ball(1200)
     palm = HAND.palm_tree
-    for sample in zip(*RandomTargets(HAND, seed, StressOptions(hold=1, bound="none")).take(12)):
+    for sample in zip(*RandomTargets(HAND, seed, StressOptions(hold=1, jumps=True)).take(12)):
         shown = HAND.joints(*sample)[None], sample[0][None], sample[1][None]
         sizes = HAND.radius, palm.leaf_center, palm.leaf_radius
         brute = brute_clearance(tree.leaf_center, tree.leaf_radius, *sizes, *shown).min()

@@ -24,7 +24,7 @@ from hhsim.metrics.run_ticks import result_ticks
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.run_inputs import run_inputs
-from hhsim.report.run import posed_result
+from hhsim.report.sections import posed_result
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import load_script

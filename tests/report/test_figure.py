@@ -21,10 +21,10 @@ from hhsim.errors import InputError
 from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.render.viewpoint import viewpoint
-from hhsim.report import pictures as report_pictures
+from hhsim.report import report as report_pictures
 from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
-from hhsim.report.pictures import hand_picture
+from hhsim.report.report import hand_picture
 from hhsim.report.sections import worst_ticks
 from hhsim.report.time_series import Run, histogram_figure, series_figure
 from hhsim.result.reader import Result, load_result

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from short_grasp import short_result
 
-from hhsim.report.run import letter, result_labels
+from hhsim.report.sections import letter, result_labels
 from hhsim.result.reader import Result
 
 

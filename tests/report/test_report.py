@@ -31,9 +31,7 @@ from hhsim.report.report import CHARTS, check_report_path, make_report, write_re
 from hhsim.result.reader import load_result
 from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
-from hhsim.table.file import write_table
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
-from hhsim.table.table import Column
 
 PIXEL = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
@@ -376,30 +374,6 @@ def test_what_hhsim_did_not_write_is_not_replaced(coupled: Path, tmp_path: Path,
     with pytest.raises(OutputError, match=r"overview\.png exists, and no report"):
         write_report(make_report((coupled,)), tmp_path)
     assert (tmp_path / "overview.png").read_text() == "mine" and not (tmp_path / "report.html").exists()
-
-
-def test_a_table_of_hhsim_bench_is_a_part_of_its_own(coupled: Path, tmp_path: Path, dots: None) -> None:
-    path = tmp_path / "bench.json"
-    columns = (Column("method", "method <name>"), Column("time", "time of a tick", "µs"), Column("ok", "passed"))
-    rows: list[dict[str, Any]] = [
-        {"method": "coupled", "time": 1.25e-5, "ok": True},
-        {"method": "paper", "time": None, "ok": False},
-    ]
-    write_table(path, "speed-error", columns, rows, {"seed": 3})
-    page = page_of(path, coupled)
-    assert page.rows("2 rows of hhsim bench speed-error") == [
-        ["method", "time [µs]", "ok"],
-        ["coupled", "12.5", "yes"],
-        ["paper", "—", "no"],
-    ]
-    assert page.rows("Columns") == [
-        ["column", "meaning"],
-        ["method", "method <name>"],
-        ["time", "time of a tick"],
-        ["ok", "passed"],
-    ]
-    assert page.one("h1").text == "cylinder, short, coupled; hhsim bench speed-error"
-    assert read_page(make_report((path,)).html).one("h1").text == "hhsim bench speed-error"
 
 
 @pytest.mark.usefixtures("dots")

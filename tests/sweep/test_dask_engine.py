@@ -11,10 +11,9 @@ from sweep_plans import PLAN, without_times, write_plan
 from hhsim.errors import InputError
 from hhsim.sweep import engines
 from hhsim.sweep.engines import run_on_dask, run_with_client
-from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import source_digest
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import CellTask, run_sweep
+from hhsim.sweep.sweep import CellTask, SweepFolder, run_sweep
 
 ignored = pytest.mark.filterwarnings("ignore")
 """What a cluster warns of when it ends is its own affair."""

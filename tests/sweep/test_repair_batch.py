@@ -14,10 +14,9 @@ from fake_repairs import run, tree, write_manifest
 from hhsim.errors import OutputError
 from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
-from hhsim.sweep.folder import locked
+from hhsim.sweep.engines import locked
 from hhsim.sweep.input_files import CHANGED
-from hhsim.sweep.repair_batch import run_manifest
-from hhsim.sweep.repair_manifest import RowTask
+from hhsim.sweep.repair_batch import RowTask, run_manifest
 
 LIMIT = "time_limit = 1.0\n"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from hhsim.repair.request import RepairRequest
-from hhsim.sweep.repair_batch import RepairedRow, brief_table
-from hhsim.sweep.repair_manifest import PlannedRepair, RowOutcome, State
+from hhsim.sweep.repair_batch import RepairedRow, RowOutcome, State, brief_table, repair_table
+from hhsim.sweep.repair_manifest import PlannedRepair
 
 
 def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:
@@ -22,7 +22,7 @@ def row(folder: Path, name: str, depth: float | None, state: State = "repaired",
 def test_a_terminal_has_a_few_figures_of_the_skin_where_there_is_one(tmp_path: Path) -> None:
     rows = [row(tmp_path, "r3", 3e-4, contacts_kept_5mm_after=0.97), row(tmp_path, "failed", None, "failed")]
     skinned = row(tmp_path, "skin", 1e-3, depth_skin_max_after=2e-3, jerk_after=3.0)
-    cells = {record["name"]: record for record in brief_table([*rows, skinned]).records}
+    cells = {record["name"]: record for record in brief_table(repair_table([*rows, skinned])).records}
     assert list(cells["skin"]) == ["name", "state", "frames", "marked", "PD before", "PD after", "kept, 5 mm", "reason"]
     assert cells["skin"]["PD after"] == 2e-3 and cells["skin"]["PD before"] == 1e-2
     assert cells["r3"]["PD after"] == pytest.approx(3e-4)

@@ -14,12 +14,10 @@ from hhsim.errors import OutputError
 from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import engines
-from hhsim.sweep.cell_table import cell_rows
 from hhsim.sweep.engines import CRASHED
-from hhsim.sweep.folder import SweepFolder
 from hhsim.sweep.input_files import CHANGED, source_digest
 from hhsim.sweep.plan import load_plan
-from hhsim.sweep.sweep import CellTask, SweepSummary, run_sweep
+from hhsim.sweep.sweep import CellTask, SweepFolder, SweepSummary, cell_rows, run_sweep
 
 Run = Callable[..., Any]
 BROKEN = '''

@@ -32,7 +32,7 @@ READERS = (
         "recordings.dexmo_regression",
     ),
     *("scene.contact_goals", "scene.described_scene", "scene.body", "scene.script"),
-    *("sweep.plan", "sweep.repair_manifest"),
+    *("sweep.plan", "sweep.repair_batch", "sweep.repair_manifest"),
 )
 """Modules that declare settings."""
 Share = Annotated[float, between(0.0, 1.0)]

@@ -119,7 +119,7 @@ def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
     ).min()
     between = 0.5 / 200 * (np.linalg.norm(b - a) + abs(radius_b - radius_a))
     assert least - between - 1e-9 <= found <= least + 1e-9
-    if has_coal() and referee.surface.triangles.solid[0]:
+    if has_coal() and referee.triangles.solid[0]:
         assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, mesh.triangles[0]), abs=2 * EXACT)
 
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhsim.bench.paper.run import INDEX, PaperRuns, SceneRun
-from hhsim.bench.paper.scene import CASES
+from hhsim.bench.paper.run import CASES, INDEX, PaperRuns, SceneRun
 from hhsim.hand.fingers import FINGERS
 from hhsim.kernels.hand.kinematics import PHALANX_COUNT
 from hhsim.kernels.tick.step import DURATION_DETECT

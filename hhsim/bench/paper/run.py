@@ -1,7 +1,12 @@
-"""One scene of the paper's evaluation, replayed by one method: times, contacts, depth, touches, force variation."""
+"""Scenes of the paper's evaluation, and one replayed by one method: times, contacts, depth, touches, force variation.
 
+Scripts of the catalogue declare the figure and the objects of their motion. A scene of Fig. 15 has many short motions,
+each with the hand a little elsewhere; the others have one whole motion.
+"""
+
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -11,21 +16,203 @@ from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
 from hhsim.bench.figures import digest_of, hand_clearance, placed_of
-from hhsim.bench.paper.scene import RATE, Scenario, Stage, held_ticks, hold_distances, ticks_of
 from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix
+from hhsim.kernels.hand.kinematics import PALM_BODY
+from hhsim.kernels.rotation import quaternion_to_matrix
+from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_SNAP, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.mesh.catalogue import object_names
 from hhsim.metrics.metrics import component_variation_rate, force_variation_rate
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import RunTicks
+from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.summary import TREMOR, trembling_hold
-from hhsim.scene.contact_goals import TOUCHING, Touch
+from hhsim.scene.contact_goals import TOUCHING, Touch, touch_distances
+from hhsim.scene.finger_closure import PlacedCloser, body_distances
+from hhsim.scene.motion_catalogue import load_script, script_names
+from hhsim.scene.script import Placement, Script
+from hhsim.scene.synthesis import planned, synthesize
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.trees.sphere_tree import SphereTree
+
+SLIDING = "sliding"
+"""Stands for a figure: the paper describes sliding on the five simple objects without one."""
+FIGURES = {
+    "11": "one finger, two fingers, five fingers with the palm, on five simple objects",
+    "12": "no finger, one, two, five, two, one, none",
+    SLIDING: "grasp and slide on the five simple objects",
+    "13": "five complex objects, each from several sides",
+    "14": "squeeze, hold and slide on cup and bunny",
+    "15": "single finger, two fingers, five fingers, whole hand on the complex objects: 100 instances each",
+}
+CASES = {"SF": "single finger", "TF": "two fingers", "FF": "five fingers", "WH": "whole hand"}
+"""Cases of Fig. 15."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scene of the paper."""
+
+    figure: str  # of `FIGURES`
+    object_name: str
+    motion: str  # script of the catalogue
+    case: str = ""  # of `CASES` in Fig. 15, else empty
+    instances: int = 1  # number of seeded variations of the hand's place
+
+    @property
+    def name(self) -> str:
+        """Object and motion as arguments of `hhsim replay`."""
+        return f"{self.object_name} {self.motion}"
+
+
+def paper_scenarios() -> list[Scenario]:
+    """Return all scenes: in the order of `FIGURES`, then of the objects, then of the motions or cases."""
+    found = [
+        Scenario(use.figure, object_name, motion, use.case, use.instances)
+        for motion in script_names()
+        for use in load_script(motion).paper
+        for object_name in use.objects
+    ]
+    figure_order, object_order = list(FIGURES), object_names()
+
+    def order(scenario: Scenario) -> tuple[int, int, int]:
+        case = [*CASES].index(scenario.case) if scenario.case in CASES else 0
+        return figure_order.index(scenario.figure), object_order.index(scenario.object_name), case
+
+    return sorted(found, key=order)
+
+
+RATE = 1000.0
+"""Tick rate [Hz], as in the paper."""
+SHIFT, TURN = 0.003, math.radians(3.0)
+"""Standard deviations of the palm's place in the instances [m] and [rad], in each axis."""
+TRIES = 20
+"""Limit of the places tried for an instance from which all named fingers reach; and of these, until a hold touches all
+that it names."""
+SHORT_WAY = 0.01
+"""Distance from which an instance begins [m]."""
+SHORT_PHASES = {"approach": 0.1, "hold": 0.1, "release": 0.0}
+SHORT_CLOSING = 0.25
+"""Durations of an instance's phases [s]: it comes from nearby, closes as fast as a fist, holds, and ends there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """Setting of a scene: script, hand, object at rest in the world's frame, and a haptic motion for each instance."""
+
+    scenario: Scenario
+    script: Script
+    hand: HandModel
+    tree: SphereTree
+    motions: tuple[TickInput, ...]
+
+    @cached_property
+    def arrays(self) -> TreeArrays:
+        """Arrays of the tree."""
+        return self.tree.arrays()
+
+
+def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances: int, seed: int = 0) -> Stage:
+    """Find the hand's places and make the motions, at most `instances`; a scene that is shown once has one.
+
+    Raises TrajectoryError for a motion that this object does not allow, HhsimError where an instance has no place.
+    """
+    script = load_script(scenario.motion)
+    if scenario.instances == 1:
+        motions = [synthesize(script, hand, tree, seed).resampled(RATE)]
+    else:
+        durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
+        phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
+        script = replace(script, phases=phases, start_distance=SHORT_WAY)
+        places = _places(scenario, script, hand, tree, seed)
+        count = min(instances, scenario.instances)
+        motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
+    return Stage(scenario, script, hand, tree, tuple(motions))
+
+
+def held_ticks(stage: Stage) -> BoolArray:
+    """Return the ticks of the holds of all motions, shape (T,)."""
+    return np.concatenate([ticks_of(motion, "hold") for motion in stage.motions])
+
+
+def ticks_of(motion: TickInput, *phases: str) -> BoolArray:
+    """Return the ticks of a motion in the phases of these names, shape (T,)."""
+    inside = np.zeros(motion.tick_count, bool)
+    for phase in motion.phases:
+        inside[phase.first_tick : phase.last_tick + 1] = phase.name in phases
+    return inside
+
+
+def hold_distances(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, ticks: TickInput, record: TickRecord
+) -> list[FloatArray]:
+    """Return for each hold the distance of each demanded touch at its last tick [m]; see `touch_distances`."""
+    found = []
+    holds = [phase.last_tick for phase in ticks.phases if phase.name == "hold"]
+    rotation = np.empty((3, 3))
+    for tick, touches in zip(holds, script.hold_touches, strict=True):
+        quaternion_to_matrix(record.orientation[tick].copy(), rotation)
+        shown = (record.joints[tick], record.position[tick], rotation)
+        found.append(touch_distances(touches, object_name, hand, tree, *shown))
+    return found
+
+
+def check_holds(
+    script: Script, object_name: str, hand: HandModel, tree: SphereTree, motion: Trajectory, options: SolverOptions
+) -> list[FloatArray]:
+    """Play a motion at 1 kHz and return its `hold_distances`."""
+    ticks = motion.resampled(RATE)
+    record = HandSolver(hand, tree.arrays(), options).run(*HandConfiguration.of(ticks))
+    return hold_distances(script, object_name, hand, tree, ticks, record)
+
+
+def _instance(
+    scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, places: Iterator[Placement]
+) -> TickInput:
+    """A motion whose hold by `coupled` touches all that it names.
+
+    Fingers that reach while the palm is held may not all touch once the palm yields.
+    """
+    for place in itertools.islice(places, TRIES):
+        motion = synthesize(script, hand, tree, placement=place)
+        held = check_holds(script, scenario.object_name, hand, tree, motion, SolverOptions())
+        if all((distances < TOUCHING).all() for distances in held):
+            return motion.resampled(RATE)
+    raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries where the hold touches")
+
+
+def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:
+    """Places around the script's own, from which every named finger reaches the object, and the palm if named."""
+    best = planned(script, hand, tree)
+    closer = PlacedCloser(script, hand, tree)
+    random = np.random.default_rng([seed, *scenario.name.encode()])
+    zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+    # Flexion of the open fingers' first joints beyond the widest opening [rad].
+    opened = np.asarray((best.open - closer.opened(zero))[:, 0] / closer.rates[:, 0])
+    while True:
+        for _ in range(TRIES):
+            angle = TURN * random.standard_normal(3)
+            turned = quaternion_from_matrix(rotation_matrix(quaternion(angle)) @ best.rotation)
+            position = best.position + SHIFT * random.standard_normal(3)
+            place = Placement("", position, turned, best.back, opened, best.abduction)
+            closure = closer.close(place)
+            # The open hand is free of the object there.
+            near = body_distances(closure.position, closure.rotation, closure.open, closure.abduction, closer.work)
+            clear = closure.reached == script.fingers and near.min() >= 0.0
+            if clear and (script.palm_depth == 0.0) == (closure.distance[PALM_BODY] >= 0.0):
+                break
+        else:
+            raise HhsimError(f"{scenario.name}: no place found for an instance in {TRIES} tries")
+        yield place
+
 
 Times = NDArray[np.float32]
 """Times of millions of ticks, to a nanosecond in ten milliseconds."""
@@ -51,13 +238,6 @@ BISECTIONS = 10
 CARRIES = 0.25
 """Least share of its force of a component that is measured (three equal ones have 0.58 each): a nearly zero one varies
 by large shares of itself. The medians over all holds differ by 0.06 % at most from 0.1 to 0.5."""
-
-
-class Variation(NamedTuple):
-    """Change of the index finger's force from tick to tick in one hold [%], mean and standard deviation."""
-
-    size: FloatArray  # of the force's size, shape (2,)
-    component: FloatArray  # of its components, shape (3, 2), NaN for small ones
 
 
 class Moment(NamedTuple):
@@ -94,8 +274,9 @@ class SceneRun:
     depth: FloatArray  # penetration of the object's spheres at each tick [m], shape (T,)
     touches: list[tuple[Touch, float]]  # demanded touches and their distances [m], at every hold of every motion
     steps: dict[str, float]  # figures of STEPS and UNTOLD: how far hand and force go in a tick
-    # Of the index finger's force in the first hold, by the names of NOISES; none for instances.
-    variation: dict[str, Variation]
+    # Change of the index finger's force from tick to tick in the first hold [%], by the names of NOISES; none for
+    # instances. Of its size and its components, mean and standard deviation, NaN for small ones, shape (4, 2).
+    variation: dict[str, FloatArray]
     # Times of every tick [s], shape (T, 6), an array a repetition: CPU, wall, detection, palm, fingers, force.
     times: list[Times] = field(default_factory=list)
 
@@ -118,11 +299,6 @@ class SceneRun:
         return self.median_times[:, 0]
 
     @property
-    def tick_wall(self) -> FloatArray:
-        """Wall time of each tick [s], shape (T,)."""
-        return self.median_times[:, 1]
-
-    @property
     def tick_parts(self) -> FloatArray:
         """Wall times of detection, palm, fingers and force of each tick [s], shape (T, 4)."""
         return self.median_times[:, 2:]
@@ -130,7 +306,7 @@ class SceneRun:
     @property
     def undisturbed(self) -> BoolArray:
         """Ticks in contact that were not interrupted, shape (T,): only wall times are known of the parts of a tick."""
-        return self.contact & (self.tick_wall <= 1.5 * self.tick_cpu + 5e-6)
+        return self.contact & (self.median_times[:, 1] <= 1.5 * self.tick_cpu + 5e-6)
 
     @property
     def contacts(self) -> float:
@@ -154,7 +330,7 @@ def play(stage: Stage, options: SolverOptions) -> SceneRun:
         found = hold_distances(stage.script, stage.scenario.object_name, stage.hand, stage.tree, motion, one)
         for demanded, distances in zip(stage.script.hold_touches, found):
             touches += list(zip(demanded, distances.tolist()))
-    variation: dict[str, Variation] = {}
+    variation: dict[str, FloatArray] = {}
     curves: Curves | None = None
     single = stage.scenario.instances == 1
     if single and any(touch.part == "index" for touches in stage.script.hold_touches[:1] for touch in touches):
@@ -275,7 +451,7 @@ def _keep_times(run: SceneRun, record: TickRecord) -> None:
 
 def _variation(
     stage: Stage, options: SolverOptions, record: TickRecord, noise: Disturbance, sample_rate: float | None
-) -> Variation:
+) -> FloatArray:
     motion = stage.motions[0]
     phase = next(phase for phase in motion.phases if phase.name == "hold")
     hold = slice(phase.first_tick, phase.last_tick + 1)
@@ -293,7 +469,7 @@ def _variation(
         defined = values[np.isfinite(values)]
         return np.array([defined.mean(), defined.std()]) if defined.size else np.full(2, np.nan)
 
-    return Variation(mean_std(size), np.array([mean_std(values) for values in component.T]))
+    return np.array([mean_std(values) for values in (size, *component.T)])
 
 
 @dataclass(frozen=True, eq=False)

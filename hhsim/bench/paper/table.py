@@ -9,8 +9,7 @@ import numpy as np
 from msgspec import structs
 
 from hhsim.bench.figures import mean
-from hhsim.bench.paper.run import NOISES, UNTOLD, PaperRuns, SceneRun, percentile
-from hhsim.bench.paper.scene import CASES, SLIDING, held_ticks
+from hhsim.bench.paper.run import CASES, NOISES, SLIDING, UNTOLD, PaperRuns, SceneRun, held_ticks, percentile
 from hhsim.bench.suite import Row
 from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 from hhsim.mesh.catalogue import object_names
@@ -33,8 +32,8 @@ FASTER = 10.0
 """Ratio of the paper's means to our bars."""
 OF_ALL = ("variation", "touches")
 """Beginnings of the names of rows that sum up the holds of all scenes."""
-VARIATION = ((0.18, 0.32), (0.18, 0.32), (0.16, 0.29), (0.18, 0.32))
-"""Variation of the index finger's force that the paper prints [%], mean and spread: its size, then x, y, z."""
+VARIATION = (("size", 0.18, 0.32), ("x", 0.18, 0.32), ("y", 0.16, 0.29), ("z", 0.18, 0.32))
+"""Variation of the index finger's force that the paper prints [%], mean and spread: of its size and components."""
 MOST_NAMED = 5
 """Limit of the missed touches that are named."""
 
@@ -150,12 +149,10 @@ def _all_scenes(runs: PaperRuns, method: str) -> Iterator[Row]:
     names = {"glove": "still palm", "trembling": "trembling palm"}
     played = [run for run in runs.of(method, "11", "13", "14") if run.variation]
     for noise in NOISES if played else ():
-        sizes = np.array([run.variation[noise].size for run in played])
-        parts = np.array([run.variation[noise].component for run in played])
-        for place, (paper, spread) in enumerate(VARIATION):
-            values = sizes if place == 0 else parts[:, place - 1]
+        for place, (part, paper, spread) in enumerate(VARIATION):
+            values = np.array([run.variation[noise][place] for run in played])
             known = values[np.isfinite(values[:, 0])]
-            count, part = len(known), "size" if place == 0 else "xyz"[place - 1]
+            count = len(known)
             middle = np.median(known, axis=0).tolist() if count else [math.nan, math.nan]
             above, stated = "", dict[str, float | str]()
             if noise == "glove":

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.figures import hand_clearance, placed_of
-from hhsim.bench.robustness.objects import ball, ball_mesh, right_hand
-from hhsim.bench.robustness.postures import RIM, crossings
+from hhsim.bench.robustness.objects import RIM, ball, ball_mesh, crossings, right_hand
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord

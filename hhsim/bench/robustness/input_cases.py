@@ -23,7 +23,7 @@ from hhsim.bench.robustness.case import (
     named_cases,
     to_convergence,
 )
-from hhsim.bench.robustness.postures import HALF, POINTING, handling, tip_at
+from hhsim.bench.robustness.objects import HALF, POINTING, handling, tip_at
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID

@@ -15,10 +15,9 @@ import numpy as np
 
 from hhsim.bench.figures import placed_of
 from hhsim.bench.robustness.case import DEEPEST, Figure, HardCase, HardRun, Outcome, own_figures
-from hhsim.bench.robustness.contact_cases import CONTACT_CASES
+from hhsim.bench.robustness.contact_cases import CONTACT_CASES, TRIANGLE_CASES
 from hhsim.bench.robustness.input_cases import INPUT_CASES, INVARIANCE_CASES, endurance_case
 from hhsim.bench.robustness.safety import SafetyMeasure, pieces_of, recorded_penetration, solvers_of, summed
-from hhsim.bench.robustness.triangle_cases import TRIANGLE_CASES
 from hhsim.bench.suite import Row, Suite
 from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
@@ -73,7 +72,6 @@ class Hard(Suite):
     surfaces: Names
     ticks: Annotated[int, between(8_000, 36_000_000)]
     seed: int
-    is_portable = True
 
     def check(self) -> None:
         """Raise InputError for an unknown name, or a case that needs the surface mesh."""

@@ -11,8 +11,17 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from hhsim.bench.paper.figures import draw_all
-from hhsim.bench.paper.run import PaperRuns, SceneRun, at_contacts, play, play_again
-from hhsim.bench.paper.scene import Scenario, Stage, make_stage, paper_scenarios
+from hhsim.bench.paper.run import (
+    PaperRuns,
+    Scenario,
+    SceneRun,
+    Stage,
+    at_contacts,
+    make_stage,
+    paper_scenarios,
+    play,
+    play_again,
+)
 from hhsim.bench.paper.table import case_table, paper_rows
 from hhsim.bench.suite import Row, Suite
 from hhsim.errors import check_known

@@ -5,7 +5,6 @@ The haptic input of a scene is made once, on the finest spheres; errors are agai
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.surface import SURFACES
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, a_list, between
-from hhsim.table.file import ALL, rows_of
+from hhsim.table.file import ALL
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 
@@ -83,7 +82,6 @@ class SpeedError(TradeOff):
     levels: Annotated[tuple[Annotated[int, between(1, MOST_LEVEL)], ...], a_list("2, 3")]
     linearisations: Annotated[tuple[Count, ...], a_list("1, 12")] | None
     backends: tuple[str, ...]  # "all" for all that are installed
-    peers: str | None
 
     def check(self) -> None:
         """Fill in the methods; raise InputError for unknown names."""
@@ -127,8 +125,6 @@ class SpeedError(TradeOff):
 
     def cells(self, progress: Progress) -> list[Cell]:
         """Return every scene with every way; TrajectoryError for a motion that cannot be done on an object."""
-        if self.peers is not None:
-            rows_of(Path(self.peers), "peers")
         hand, chosen, finest = HandModel.default(), self.ways(), max(self.levels)
         for method, surface in dict.fromkeys((way.solver.method, way.solver.surface) for way in chosen):
             warm_up(hand, SolverOptions(method=method, surface=surface))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from sampled import sampled
 
-from hhsim.bench.paper.scene import Scenario, check_holds, paper_scenarios
+from hhsim.bench.paper.run import Scenario, check_holds, paper_scenarios
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel

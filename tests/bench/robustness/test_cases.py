@@ -12,9 +12,9 @@ from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.figures import placed_of
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome, own_figures
+from hhsim.bench.robustness.contact_cases import SLIDE
 from hhsim.bench.robustness.input_cases import LOOP
-from hhsim.bench.robustness.postures import INDEX
-from hhsim.bench.robustness.triangle_cases import SLIDE
+from hhsim.bench.robustness.objects import INDEX
 from hhsim.bench.suites.hard import common_figures, hard_cases, run_scenes
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING

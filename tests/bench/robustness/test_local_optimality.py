@@ -8,8 +8,7 @@ from referee_clearance import referee_clearance
 from sampled import sampled
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness.objects import joined_mesh, roof_mesh, sheet_mesh
-from hhsim.bench.robustness.postures import INDEX, POINTING
+from hhsim.bench.robustness.objects import INDEX, POINTING, joined_mesh, roof_mesh, sheet_mesh
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import Pieces, _moved, distance_rows, pieces_of, way_out
 from hhsim.errors import InputError
@@ -92,7 +91,7 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
     # Brute force over triangles takes ten times what it takes over spheres.
     holds = 10 if surface == "spheres" else 4
     ticks = 200 * holds
-    motion = RandomTargets(HAND, seed, StressOptions(hold=200, bound="none", sweep=False, position_spread=0.03)).take(
+    motion = RandomTargets(HAND, seed, StressOptions(hold=200, jumps=True, sweep=False, position_spread=0.03)).take(
         ticks
     )
     mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface)

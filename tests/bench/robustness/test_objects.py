@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hhsim.bench.robustness.postures import crossings, threaded
+from hhsim.bench.robustness.objects import crossings, threaded
 
 
 def test_crossings_are_counted_through_the_disc_and_not_around_it() -> None:

@@ -2,20 +2,22 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Run
+from drawings_alone import trade_offs_undrawn
 
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.peers import Peers
 from hhsim.bench.trade_off import Run as MethodRun
-from hhsim.bench.trade_off import Way
+from hhsim.bench.trade_off import Way, draw_trade_off
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, TickAnswer
-from hhsim.table.file import ALL, load_table, rows_of
+from hhsim.table.file import ALL
 
 
 class PushedEverywhere:
@@ -104,8 +106,18 @@ def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
     assert f"left out: {GONE} needs patience" in document["notes"]
-    assert {row["method"] for row in rows_of(tmp_path / "peers.json", "peers")} == {"coupled", FAKE}
-    assert load_table(tmp_path / "peers.json").suite == "peers"
+    table = json.loads((tmp_path / "peers.json").read_text())
+    assert table["suite"] == "peers" and {row["method"] for row in table["rows"]} == {"coupled", FAKE}
     assert (tmp_path / "peers.png").stat().st_size > 10_000
-    with pytest.raises(InputError, match="is a table of hhsim bench peers"):
-        rows_of(tmp_path / "peers.json", "speed-error")
+
+
+def test_the_picture_has_each_method_on_its_surface_and_names_other_engines(monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = trade_offs_undrawn(monkeypatch)
+    row: dict[str, Any] = {"object": "cube", "motion": "all", "method": "coupled", "tick_cpu_p50": 1e-5}
+    row |= {"mesh_error": 1e-6, "ours": True, "frontier": True}
+    rows = [{**row, "surface": surface} for surface in ("spheres", "mesh")]
+    rows += [{**row, "method": "mujoco", "surface": "mesh", "ours": False}, {**rows[0], "motion": "grasp"}]
+    draw_trade_off(Path("peers.png"), rows)
+    assert [axes.get_title(loc="left") for axes in figures[0].axes] == ["cube: off the true mesh [mm]", ""]
+    names = {text.get_text() for text in figures[0].legends[0].get_texts()}
+    assert names == {"coupled", "spheres", "the mesh itself", "mujoco"}

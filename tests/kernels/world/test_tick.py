@@ -5,11 +5,16 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from free_scenes import GRAVITY, box, far_hand, gripped, solver_of, squeeze_of, tongs_at
+from free_scenes import GRAVITY, HALF_APART, REACH, TIP, box, far_hand, gripped, solver_of, squeeze_of, tongs, tongs_at
 
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.solver.free_object import FreeObject
+from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
 
 DT = 1e-3
 
@@ -32,6 +37,38 @@ def test_a_block_that_friction_holds_stays_to_the_bit() -> None:
     _, moved = alone(BLOCK, 1000, mass=0.1, friction=0.6, table=-0.025, gravity=tilted(30.0))
     assert (moved.shift == moved.shift[0]).all() and (moved.turn == moved.turn[0]).all()
     assert moved.table_wrench[-1, 0] == pytest.approx(-0.1 * tilted(30.0)[0], rel=1e-4)
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.1])
+def test_a_ball_on_a_slope_rolls_or_slides_and_spins_up_by_friction(friction: float) -> None:
+    radius, ticks = 0.038, 500
+    along, _, down = tilted(30.0)
+    rows = tuple(map(tuple, (0.4 * 0.2 * radius**2 * np.eye(3)).tolist()))
+    free = FreeObject(0.2, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=(along, 0.0, down))
+    ball = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
+    solver = HandSolver(HandModel.default(), contact_surface("spheres", None, ball), SolverOptions(), free)
+    solver.run(*far_hand(ticks))
+    moved = solver.object_ticks
+    # It rolls with 5/7 of the slope's share of gravity if friction bears the other 2/7.
+    rolls = friction * -down > 2.0 / 7.0 * along
+    pull, spun = (5.0 / 7.0 * along,) * 2 if rolls else (along + friction * down, -2.5 * friction * down)
+    way = pull * DT**2 * (ticks * (ticks + 1) / 2 - 1)
+    assert moved.shift[-1, 0] - moved.shift[0, 0] == pytest.approx(way, rel=1e-2)
+    assert moved.angular_velocity[-1, 1] == pytest.approx(spun / radius * ticks * DT, rel=1e-2)
+
+
+@pytest.mark.parametrize(("share", "tips"), [(0.98, False), (1.01, True)])
+def test_a_pushed_cube_slides_or_tips_by_the_height_of_the_fingertip(share: float, tips: bool) -> None:
+    side, friction, ticks = 0.07, 0.8, 800
+    mesh = box([side] * 3, (REACH + TIP + 0.001 + 0.5 * side, HALF_APART, 0.0))
+    free = FreeObject.of_mesh(mesh, mass=0.24, friction=0.0, table_friction=friction, table=-0.5 * side)
+    stiffness = Stiffness(translation=1000.0, rotation=1000.0, flexion=14.5)
+    solver = solver_of(mesh, free, tongs(), fingers=("index",), stiffness=stiffness)
+    height = share * 0.5 * side / friction - 0.5 * side
+    way = 0.015 * np.arange(1, ticks + 1) / ticks
+    solver.run(*tongs_at(np.zeros(ticks), np.stack([way, 0.0 * way, np.full(ticks, height)], axis=1)))
+    turned = 2.0 * np.arccos(np.abs(solver.object_ticks.turn[:, 0]).clip(max=1.0)).max()
+    assert (turned > np.radians(1.0)) is np.bool_(tips)
 
 
 def test_a_body_in_free_flight_keeps_its_momentum() -> None:

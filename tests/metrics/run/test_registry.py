@@ -21,8 +21,7 @@ from hhsim.metrics.run_ticks import RunTicks, result_ticks
 from hhsim.motion.trajectory import TickPhase
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
-from hhsim.report.run import report_runs
-from hhsim.report.sections import all_figures
+from hhsim.report.sections import all_figures, report_runs
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.solver.options import SolverOptions
