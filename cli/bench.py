@@ -12,7 +12,7 @@ from hhsim.errors import OutputError
 from hhsim.system.counted import counted
 
 from .arguments import options
-from .arguments.command import MOST_COUNT, Declared, LazyGroup, argument, click_type, make_command, option
+from .arguments.command import MOST_COUNT, Declared, LazyGroup, OptionGroup, argument, click_type, make_command, option
 from .arguments.object_options import MeshSize, complete_object
 from .arguments.scene_options import Linearising, Sampling
 from .console import print_notes, print_table, progress
@@ -30,6 +30,14 @@ SHARED: Mapping[str, click.Parameter] = {
 }
 """Options that other commands have too, by the name of a setting without a help."""
 FIGURES = "Draw the scenes and curves in the manner of the paper's Figs. 11 to 15 here, as PNG, PDF and SVG."
+
+
+class RunningOptions(OptionGroup):
+    """Options of the processes that run a suite's cells, and of the folder that keeps their figures."""
+
+    jobs: options.Jobs = option("Cells at a time, in processes of this machine.", "N", default=1)
+    scheduler: str = options.SCHEDULER
+    resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 
 def suite_lines() -> Mapping[str, str]:
@@ -58,6 +66,8 @@ def suite_command(name: str) -> click.Command:
         more.append(option(FIGURES, "FOLDER").parameter("plot", options.OutPath))
     if suite.listed is not Suite.listed:
         more.append(option("List what there is and run none.", None, "--list").parameter("listed", bool))
+    if suite.is_portable:
+        more += RunningOptions.parameters()
 
     def run(output: options.Output, **given: Any) -> int:
         return run_suite(name, suite, output, given)
@@ -123,10 +133,16 @@ def _entry(hint: Any) -> tuple[Any, bool]:
 
 def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
-    from hhsim.bench.suite import run_cells
+    from hhsim.bench.suite import run_cells, run_tasks_of
     from hhsim.table.file import check_table_path, table_document, write_table
 
     plan, plot, listed = kind.plan(), given.pop("plot", None), given.pop("listed", False)
+    running = {
+        "jobs": given.pop("jobs", 1),
+        "scheduler": given.pop("scheduler", ""),
+        "folder": given.pop("resume", None),
+    }
+    is_shared = running["jobs"] > 1 or running["scheduler"] or running["folder"]
     is_preset = plan.preset is not None and given.pop(plan.preset.flag)
     suite = kind.planned(is_preset, **{key: value for key, value in given.items() if value is not None})
     if listed and (found := suite.listed()) is not None:
@@ -140,7 +156,7 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
         stopped: KeyboardInterrupt | None = None
         try:
             # What came before an interrupt stays in the list.
-            figures.extend(run_cells(suite, report))
+            figures.extend(run_tasks_of(suite, report, **running) if is_shared else run_cells(suite, report))
         except KeyboardInterrupt as interrupt:
             if not figures:
                 raise

@@ -4,21 +4,35 @@ A suite is a class of settings in a module of `hhsim.bench.suites`, and a plan i
 command says, the values of the settings, and the figures with their units.
 """
 
+import hashlib
+import json
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self, TypeAlias
 
+from hhsim import __version__
 from hhsim.bench.plan import Plan, read_plan
+from hhsim.errors import HhsimError
 from hhsim.metrics.run.registry import run_metrics
+from hhsim.sweep.engines import Task, TaskEnd, check_own, has_format, locked, run_to_end
+from hhsim.sweep.input_files import file_digest, source_digest
+from hhsim.sweep.plan import DIGITS
+from hhsim.system.atomic_write import write_atomically
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 from hhsim.system.settings_file import check_fields
 from hhsim.table.table import Column, Table
 
 Row: TypeAlias = dict[str, Any]
+
+MARK, FORMAT = "bench.json", "hhsim-bench-cells"
+"""File that tells a folder of cells from others, and its format."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,6 +43,8 @@ class Suite:
     before. Rows are those of the table, by the names of its columns.
     """
 
+    # True if the figures of a cell are a list of rows of plain values: it can be run anywhere, and kept.
+    is_portable = False
     # True if it draws a picture beside the table, or a folder of pictures where one is named.
     draws_picture, draws_folder = False, False
 
@@ -144,3 +160,74 @@ def run_cells(suite: Suite, progress: Progress = silent) -> Iterator[Any]:
                 check_interrupt()
     if rounds > 1:
         yield from figures
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteTask(Task):
+    """Cell of a portable suite by its place."""
+
+    suite: Suite
+    place: int
+
+    def work(self) -> TaskEnd:
+        """Run the cell and write its rows in one step."""
+        rows = self.suite.run(_cells(self.suite)[self.place], None)
+        text = json.dumps(rows, default=lambda value: value.item())
+        write_atomically(Path(self.folder) / f"{self.digest}.json", text.encode())
+        return TaskEnd(self.digest)
+
+
+# A process runs several cells of a suite.
+@lru_cache(1)
+def _cells(suite: Suite) -> Sequence[Any]:
+    return suite.cells(silent)
+
+
+def _digests(settings: Mapping[str, Any]) -> list[str]:
+    """Return the digests of the files that settings name."""
+    values = (value if isinstance(value, tuple) else (value,) for value in settings.values())
+    named = (Path(word) for words in values for word in words if isinstance(word, str))
+    return [file_digest(path) for path in named if path.is_file()]
+
+
+def run_tasks_of(
+    suite: Suite, progress: Progress = silent, *, jobs: int = 1, scheduler: str = "", folder: Path | None = None
+) -> list[list[Row]]:
+    """Return the rows of all cells of a portable suite, in their order; those that are kept are not run again.
+
+    Args:
+        jobs: Processes of this machine; 1 for this process.
+        scheduler: Address of a Dask cluster, or `hhsim.sweep.engines.LOCAL`.
+        folder: Where cells that are done are kept, so that the same command goes on.
+
+    Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
+    """
+    name, settings = type(suite).__module__, asdict(suite)
+    stated, digests = [name, settings, _digests(settings), __version__, source_digest()], []
+    for place in range(len(_cells(suite))):
+        text = json.dumps([*stated, place], sort_keys=True)
+        digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
+    with TemporaryDirectory() as scratch, ExitStack() as stack:
+        is_kept, folder = folder is not None, folder or Path(scratch)
+        if is_kept:
+            check_own(folder, has_format(folder / MARK, FORMAT), "bench")
+            stack.enter_context(locked(folder, folder, "bench"))
+            write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
+        files = [folder / f"{digest}.json" for digest in digests]
+        left = [place for place, file in enumerate(files) if not file.is_file()]
+        about: dict[str, Any] = {"folder": str(folder.resolve()), "sources": source_digest()}
+        tasks = [SuiteTask(suite=suite, place=place, digest=digests[place], **about) for place in left]
+
+        def on_end(end: TaskEnd) -> None:
+            if end.reason:
+                raise HhsimError(end.reason)
+
+        if scheduler or jobs > 1:
+            run_to_end(tasks, "cells", on_end, progress, scheduler=scheduler, jobs=jobs, done=len(files) - len(left))
+            tasks = []
+        with interruptible_between() as check_interrupt:
+            for done, task in enumerate(tasks, len(files) - len(left)):
+                progress("cells", done, len(files))
+                on_end(task.run())
+                check_interrupt()
+        return [json.loads(file.read_text(encoding="utf-8")) for file in files]

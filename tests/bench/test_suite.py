@@ -9,10 +9,11 @@ from typing import Any
 import pytest
 from conftest import Run
 
+from hhsim.bench import suite as module
 from hhsim.bench import suites
 from hhsim.bench.plan import SUITES, suite_lines
-from hhsim.bench.suite import Plan, Suite
-from hhsim.errors import InputError
+from hhsim.bench.suite import Plan, Suite, run_tasks_of
+from hhsim.errors import InputError, OutputError
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, parse_settings
 from hhsim.table.table import Column, Table
@@ -47,6 +48,7 @@ COMMANDS = (
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),
     ("hard flat-finger", "hard case 'flat-finger' is made of triangles alone: it takes --surface mesh"),
     ("hard --method couple", "unknown method 'couple': did you mean coupled?"),
+    ("hard --resume .", ". holds other files, and no bench"),
     ("peers --plot a.json", "no picture by its ending"),
     ("stress --size nan", "nan is not in the range"),
     ("paper --quick --plot thesis.parquet", "thesis.parquet"),
@@ -94,6 +96,7 @@ class Doubles(Suite):
 
     numbers: tuple[Count, ...]
     repetitions: Count
+    is_portable = True
 
     @classmethod
     def plan(cls) -> Plan:
@@ -132,6 +135,8 @@ from hhsim.bench.suite import Suite
 @dataclass(frozen=True, kw_only=True)
 class Halves(Suite):
     numbers: tuple[int, ...]
+    table: str | None
+    is_portable = True
 
     def cells(self, progress):
         return self.numbers
@@ -148,6 +153,7 @@ help = "Halve numbers."
 
 [options]
 numbers = { default = [1, 2], help = "Numbers." }
+table = { help = "Table of numbers.", metavar = "FILE" }
 
 [figures]
 half = "half of a number"
@@ -159,16 +165,22 @@ def test_a_suite_is_a_module_and_a_plan(run: Run, tmp_path: Path, monkeypatch: p
     (tmp_path / "halves.toml").write_text(HALVES_PLAN)
     monkeypatch.setattr(suites, "__path__", [*suites.__path__, str(tmp_path)])
     assert suite_lines()["halves"] == "Halves of numbers."
-    answer = run("bench", "halves", "--numbers", "3,5", "--json")
+    answer = run("bench", "halves", "--numbers", "3,5", "--resume", "kept", "--json")
     assert answer.code == 0, answer.err
     assert json.loads(answer.out)["rows"] == [{"half": 1.5}, {"half": 2.5}]
     assert "--numbers NUMBERS" in run("bench", "halves", "--help").out
+    # What a file holds is a part of the settings that name it.
+    for content in ("a", "a", "b"):
+        (tmp_path / "table.txt").write_text(content)
+        assert run("bench", "halves", "--table", "table.txt", "--resume", "of_files", "--quiet").code == 0
+    assert len(list((tmp_path / "of_files").glob("*.json"))) == 1 + 2 * 2
 
 
 @pytest.fixture
 def bench(run: Run, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Run the command of these doubles in the place of that of the stress."""
     monkeypatch.setattr("hhsim.bench.suites.stress.SUITE", Doubles)
+    module._cells.cache_clear()
     return lambda *words: run("bench", "stress", *words)
 
 
@@ -205,6 +217,30 @@ def test_an_interrupt_keeps_the_cells_that_are_done(bench: Callable[..., Any], t
     assert (answer.code, answer.out) == (130, "")
     assert "interrupted; what ran so far, 1 in all, is in table.json" in answer.err
     assert [row["number"] for row in json.loads((tmp_path / "table.json").read_text())["rows"]] == [4]
+
+
+def test_cells_that_are_kept_are_not_run_again(
+    bench: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bench("--numbers", "4,5", "--resume", "kept", "--json")
+    (done, _) = sorted(path for path in (tmp_path / "kept").glob("*.json") if path.name != module.MARK)
+    done.write_text(json.dumps([{"number": 4, "twice": 0.5, "times": 1}]))
+    again = json.loads(bench("--numbers", "4,5", "--resume", "kept", "--json").out)
+    assert json.loads(first.out)["rows"][0]["twice"] == 8.0
+    assert 0.5 in [row["twice"] for row in again["rows"]]
+    other = json.loads(bench("--numbers", "4,5", "--repetitions", "2", "--resume", "kept", "--json").out)
+    assert 0.5 not in [row["twice"] for row in other["rows"]], "other settings are another bench"
+
+
+@pytest.mark.soak
+def test_processes_give_the_rows_of_one(tmp_path: Path) -> None:
+    suite = SUITES["hard"].planned(cases=("never-touches", "too-many-pairs"), methods=("coupled",))
+    alone = run_tasks_of(suite, folder=tmp_path / "one")
+    assert repr(run_tasks_of(suite, jobs=2)) == repr(alone)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.txt").write_text("mine")
+    with pytest.raises(OutputError, match="holds other files"):
+        run_tasks_of(suite, folder=tmp_path / "other")
 
 
 def test_every_suite_has_a_line_and_a_plan_of_its_settings() -> None:

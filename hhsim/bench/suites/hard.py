@@ -72,6 +72,7 @@ class Hard(Suite):
     surfaces: Names
     ticks: Annotated[int, between(8_000, 36_000_000)]
     seed: int
+    is_portable = True
 
     def check(self) -> None:
         """Raise InputError for an unknown name, or a case that needs the surface mesh."""

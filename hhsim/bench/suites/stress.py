@@ -79,6 +79,7 @@ class Stress(Suite):
     unit: str | None
     size: float | None  # [mm]
     seed: int
+    is_portable = True
 
     def check(self) -> None:
         """Raise InputError for an unknown name, or a number out of range."""
