@@ -25,20 +25,15 @@ from hhsim.kernels.jit import Array, jit, jit_inline, lowered
 LANES = 8
 """Numbers in one vector instruction, or in two; vectors are padded with zeros to whole multiples."""
 VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-
-
-def _halves(builder: Any, lanes: Any) -> list[Any]:
-    width = lanes.type.count // 2
-    kind = ir.VectorType(ir.IntType(32), width)
-    halves = (ir.Constant(kind, list(range(first, first + width))) for first in (0, width))
-    return [builder.shuffle_vector(lanes, lanes, half) for half in halves]
+_INT = ir.IntType(32)
 
 
 def _of_lanes(builder: Any, lanes: Any, join: Callable[[Any, Any], Any]) -> Any:
     """Join the lanes of a vector by halves."""
-    while lanes.type.count > 1:
-        lanes = join(*_halves(builder, lanes))
-    return builder.extract_element(lanes, ir.Constant(ir.IntType(32), 0))
+    while (width := lanes.type.count // 2) > 0:
+        places = [ir.Constant(ir.VectorType(_INT, width), [*range(first, first + width)]) for first in (0, width)]
+        lanes = join(*(builder.shuffle_vector(lanes, lanes, half) for half in places))
+    return builder.extract_element(lanes, _INT(0))
 
 
 @lowered(float)
@@ -66,7 +61,7 @@ def least_of_chunks(builder: Any, values: Any, first: Any, chunks: Any, above: A
     place = builder.bitcast(builder.gep(values.data, [first]), VECTOR.as_pointer())
     floor = ir.Constant(VECTOR, ir.Undefined)
     for lane in range(LANES):
-        floor = builder.insert_element(floor, above, ir.Constant(ir.IntType(32), lane))
+        floor = builder.insert_element(floor, above, _INT(lane))
     least = cgutils.alloca_once_value(builder, ir.Constant(VECTOR, [math.inf] * LANES))
     with cgutils.for_range(builder, chunks) as loop:
         value, before = builder.load(builder.gep(place, [loop.index]), align=8), builder.load(least)

@@ -21,7 +21,7 @@ from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, compile_result
-from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
+from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 
 from hhsim.kernels.kernel_cache import KernelCache
@@ -41,21 +41,6 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-@register_pass(mutates_CFG=False, analysis_only=True)
-class _Unannotated(AnalysisPass):  # type: ignore[misc]
-    """Leaves out the annotation of types for people, which numba makes of every function."""
-
-    _name = "unannotated"
-
-    def __init__(self) -> None:
-        super().__init__()
-
-    def run_pass(self, state: Any) -> bool:
-        """Set what later passes ask for."""
-        state.type_annotation = ""
-        return False
-
-
 PASSES = (
     untyped.TranslateByteCode,
     untyped.FixupArgs,
@@ -71,23 +56,21 @@ PASSES = (
     typed.PreLowerStripPhis,
     typed.NoPythonSupportedFeatureValidation,
     typed.IRLegalization,
-    _Unannotated,
     typed.NativeLowering,
     typed.NoPythonBackend,
 )
-"""numba's passes in their order, but for those of what no kernel has: closures, literals to unroll, raises, arrays made
-of others; each would look through every function."""
+"""numba's passes in their order, but for those of what no kernel has (closures, literals to unroll, raises, arrays made
+of others) and the annotation of types for people; each would look through every function."""
 
 
 class _CalleeCompiler(Compiler):  # type: ignore[misc]
     """Compiler that ends before optimisation."""
 
-    def __init__(
-        self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
-    ) -> None:
+    def __init__(self, typing: Any, target: Any, _: Any, args: Any, returned: Any, flags: Any, locals: Any) -> None:
         flags.no_compile = True
-        own = _CalleeLibrary(targetctx.codegen(), "callee")
-        super().__init__(typingctx, targetctx, own, args, return_type, flags, locals)
+        own = _CalleeLibrary(target.codegen(), "callee")
+        super().__init__(typing, target, own, args, returned, flags, locals)
+        self.state.type_annotation = ""  # which the last pass takes
 
     def define_pipelines(self) -> list[PassManager]:
         """Return `PASSES`."""
@@ -116,7 +99,6 @@ def _rebuild_callee(target_context: Any, payload: Any) -> Any:
         typing_context=target_context.typing_context,
         target_context=target_context,
         entry_point=object(),
-        typing_error=None,
         type_annotation="",
         library=library,
         signature=signature,
@@ -124,7 +106,6 @@ def _rebuild_callee(target_context: Any, payload: Any) -> Any:
         lifted=(),
         fndesc=description,
         environment=environment,
-        metadata=None,
         reload_init=(),
         referenced_envs=(),
     )

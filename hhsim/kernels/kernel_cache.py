@@ -210,12 +210,14 @@ class KernelCache:
         for path in (SHIPPED / file, KERNEL_CACHE / file):
             try:
                 content = path.read_bytes()
-                if hashlib.sha256(content[DIGEST:]).digest() == content[:DIGEST]:
-                    return self._rebuild(target_context, pickle.loads(content[DIGEST:]))
-                warnings.warn(f"{path} is damaged: its kernel is compiled anew", DamagedKernelWarning, stacklevel=2)
+                if hashlib.sha256(content[DIGEST:]).digest() != content[:DIGEST]:
+                    warnings.warn(f"{path} is damaged: its kernel is compiled anew", DamagedKernelWarning, stacklevel=2)
+                    continue
+                found = pickle.loads(content[DIGEST:])
             except (OSError, AttributeError, ImportError):
                 # There is no such file, or it has a type that is declared no more.
                 continue
+            return self._rebuild(target_context, found)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:

@@ -1,6 +1,7 @@
 """Where compiled kernels go, what makes them stale, and what is done with damaged ones."""
 
 import importlib
+import math
 import os
 import shutil
 import subprocess
@@ -139,6 +140,13 @@ def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path)
     time.sleep(1.0)
     (tmp_path / "go").mkdir()
     assert sorted(process.communicate()[0] for process in processes) == [LOADED, LOADED, COMPILED]
+
+
+def test_python_calls_what_another_process_has_compiled_for_a_caller(tmp_path: Path) -> None:
+    calls = "arc_tangents(np.ones(1), np.ones(1), np.empty(1))", "print(arc_tangent(1.0, 1.0))"
+    script = "import numpy as np; from hhsim.kernels.arithmetic import arc_tangent, arc_tangents; "
+    found = [output(tmp_path, script + call, PYTHONPATH=str(PACKAGE.parent)) for call in calls]
+    assert found == ["", f"{math.pi / 4.0}\n"]
 
 
 @pytest.mark.soak
