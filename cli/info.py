@@ -30,7 +30,7 @@ def command(*, as_json: bool = JSON) -> None:
         ("Python", machine["python"]),
         ("system", machine["system"]),
         ("processor", f"{machine['cpu']}, {counted(machine['cores'], 'core')}"),
-        ("kernels", compiled if kernels["jit"] else "interpreted: NUMBA_DISABLE_JIT is set"),
+        ("kernels", compiled),
         ("kernel cache", kernels["folder"]),
         *sorted((name, version) for name, version in info["packages"].items() if name != "hhsim"),
     ]

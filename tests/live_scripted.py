@@ -20,8 +20,8 @@ from hhsim.kernels.live.deadlines import (
     next_deadline,
     woken,
 )
-from hhsim.kernels.live.loop import DRIVERS, begin_hands, give_hands, publish_hands, take_hands, wake_driver
-from hhsim.kernels.live.tick import command_tick, look_for_stop, waiting_since
+from hhsim.kernels.live.loop import DRIVERS, begin_hands, wake_driver
+from hhsim.kernels.live.tick import command_tick, give_hands, look_for_stop, publish_hands, take_hands, waiting_since
 from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.device import LIMITS, DeviceCounters, DeviceError, FingerCommand, GloveDevice, GloveInfo
 from hhsim.live.drivers.played import Playback

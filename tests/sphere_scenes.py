@@ -1,7 +1,7 @@
 """Scenes of spheres, demanding motions, and distances by brute force for the tests of the solver.
 
 The distances use no code of the kernels: the round cone's is the case table of Quilez ("Round cone", 2018), not the
-kernels' clamped parameter, which `test_round_cone_distance` holds against a search along the axis.
+kernels' clamped parameter, which `test_round_cone` holds against a search along the axis.
 """
 
 import math

@@ -34,21 +34,10 @@ ROOMS = tuple(
 HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotlib", "scipy", "jinja2"}
 """Packages that are imported where they are used: together they cost more than a second."""
 
-KERNEL_IMPORTS = {
-    "numpy",
-    "numba",
-    "llvmlite",
-    "math",
-    "fractions",
-    "typing",
-    "collections",
-    "functools",
-    "sys",
-    "time",
-}
+KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "sys", "time"}
 KERNEL_IMPORTS |= {"platform"}
 JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "jit_pasted", "generic", "cache"}
-IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\(\w+\)")
+IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\([\w()]+\)")
 """How a kernel is declared for a type."""
 
 LIBRARY = library()

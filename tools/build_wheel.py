@@ -7,7 +7,6 @@ where none is named. The wheel's tag names Python, system and processor.
 """
 
 import argparse
-import hashlib
 import os
 import platform
 import shlex
@@ -19,10 +18,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from hhsim.cli.console import progress  # type: ignore[import-not-found]
-from hhsim.kernels import kernel_cache
 from hhsim.kernels.callee import CALLEE_PREFIX
-from hhsim.kernels.kernel_cache import SUFFIX
-from hhsim.kernels.target import BUILT_FOR, CHOICE, named_target
+from hhsim.kernels.kernel_cache import SHIPPED
+from hhsim.kernels.target import CHOICE, named_target
 from hhsim.system.progress import Progress, silent
 from tools.import_graph import REPOSITORY
 
@@ -55,15 +53,13 @@ TWO_GLOVES = "--device left=sim,right=sim"
 """Options of a session with a simulated glove on each hand."""
 
 
-def compile_all(cache: Path, report: Progress = silent) -> str:
-    """Compile every kernel that ships into a cache, and report the commands that are done; return the target's text."""
+def compile_all(cache: Path, report: Progress = silent) -> None:
+    """Compile every kernel that ships into a cache, and report the commands that are done."""
     known = {name: value for name, value in os.environ.items() if name not in ("NUMBA_BOUNDSCHECK", CHOICE)}
     environment = known | {"HHSIM_CACHE_DIR": str(cache)}
 
-    def run(*arguments: str) -> str:
-        command = [sys.executable, *arguments]
-        done = subprocess.run(command, cwd=REPOSITORY, env=environment, check=True, capture_output=True, text=True)
-        return done.stdout.strip()
+    def run(*arguments: str) -> None:
+        subprocess.run([sys.executable, *arguments], cwd=REPOSITORY, env=environment, check=True, capture_output=True)
 
     def in_turn(*commands: str) -> None:
         for command in commands:
@@ -86,22 +82,11 @@ def compile_all(cache: Path, report: Progress = silent) -> str:
         for done, _ in enumerate(side_by_side.map(lambda chain: in_turn(*chain), chains)):
             report("kernels of the commands", done + 1, len(chains))
         in_turn(f"compare {place}/0.h5 {place}/1.h5")
-    return run("-c", "from hhsim.kernels.target import TARGET; print(TARGET)")
 
 
-def pack(cache: Path, folder: Path, target: str) -> None:
-    """Copy the kernels that Python calls, with their digests and the text of their target."""
-    lines = []
-    for path in sorted(cache.joinpath("kernels").glob(f"*/*{SUFFIX}")):
-        if path.name.startswith(CALLEE_PREFIX):
-            continue
-        name = path.relative_to(cache / "kernels")
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        content = path.read_bytes()
-        (folder / name).write_bytes(content)
-        lines.append(f"{hashlib.sha256(content).hexdigest()}  {name.as_posix()}\n")
-    (folder / kernel_cache.SUMS).write_text("".join(lines), encoding="utf-8")
-    (folder / BUILT_FOR).write_text(f"{target}\n", encoding="utf-8")
+def pack(cache: Path, folder: Path) -> None:
+    """Copy the kernels that Python calls, each with the digest of its code before it."""
+    shutil.copytree(cache / "kernels", folder, ignore=shutil.ignore_patterns(f"{CALLEE_PREFIX}*"))
 
 
 def build(folder: Path, report: Progress = silent) -> Path:
@@ -111,9 +96,9 @@ def build(folder: Path, report: Progress = silent) -> Path:
         cache.mkdir(mode=0o700)
         if named_target() is None:
             raise SystemExit("kernels can be shipped from a machine whose processor runs the named target alone")
-        target = compile_all(cache, report)
+        compile_all(cache, report)
         shutil.copytree(REPOSITORY, source, ignore=shutil.ignore_patterns(*LEFT_OUT))
-        pack(cache, source / kernel_cache.FOLDER.relative_to(REPOSITORY), target)
+        pack(cache, source / SHIPPED.relative_to(REPOSITORY))
         tags = {"--build-option": [f"--python-tag=cp{sys.version_info.major}{sys.version_info.minor}"]}
         tags["--build-option"].append(f"--plat-name={PLATFORM}_{platform.machine()}")
         call = [sys.executable, "-c", BUILD, str(folder.resolve()), repr(tags)]

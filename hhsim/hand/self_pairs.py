@@ -12,7 +12,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.self_pairs import SELF_CONTACT, SelfPairs, self_clearances
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.kernels.hand.pose import HAND_POSE
-from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.jit import as_argument
 
 
 @lru_cache(maxsize=8)
@@ -48,7 +48,7 @@ def _clearances(
     arrays, contacts, found = hand.shared_arrays, fresh.copy(), [np.empty(len(flexion)) for _ in several]
     given = as_argument(flexion), as_argument(abduction), poses.view(np.recarray), contacts.view(np.recarray)
     measure: Any = self_clearances
-    if JIT_ENABLED and several:
+    if several:
         measure = measure.entry(arrays, several[0], *given, found[0])
     for pairs, clear in zip(several, found):
         contacts[:] = fresh

@@ -195,11 +195,8 @@ def write_rows(tuples: Sequence[Any]) -> NDArray[np.int64]:
     return written
 
 
-def declare_row(typing: Any, like: Any, rows: Any, number: Any, uncompiled: Any) -> Any:
-    """Declare an intrinsic that returns the tuple in a row of `write_rows`, of the type of its first argument.
-
-    Its last argument is for what runs in its place where nothing is compiled.
-    """
+def declare_row(typing: Any, like: Any, rows: Any, number: Any) -> Any:
+    """Declare an intrinsic that returns the tuple in a row of `write_rows`, of the type of its first argument."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
         array = context.make_array(signature.args[1])(context, builder, given[1])
@@ -207,4 +204,4 @@ def declare_row(typing: Any, like: Any, rows: Any, number: Any, uncompiled: Any)
         place = builder.mul(stride, context.cast(builder, given[2], signature.args[2], types.int64))
         return builder.gep(builder.bitcast(array.data, _BYTE.as_pointer()), [place])
 
-    return like(like, rows, number, uncompiled), generate
+    return like(like, rows, number), generate

@@ -1,8 +1,9 @@
 """Folder of what hhsim may delete and make again, machine code included: only its user can write it."""
 
+import grp
 import os
+import pwd
 import stat
-import sys
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -42,11 +43,7 @@ def _candidates() -> Iterator[Path]:
     if named:
         yield Path(named)
     yield (Path(base) if base else Path("~/.cache").expanduser()) / "hhsim"
-    yield Path(tempfile.gettempdir()) / f"hhsim-{_user()}"
-
-
-def _user() -> int:
-    return int(getattr(os, "getuid", int)())
+    yield Path(tempfile.gettempdir()) / f"hhsim-{os.getuid()}"
 
 
 def _fault(root: Path) -> str:
@@ -57,12 +54,12 @@ def _fault(root: Path) -> str:
             return "it cannot be written"
         for folder in (root, *(entry for entry in root.iterdir() if entry.is_dir())):
             state = folder.stat()
-            if state.st_uid not in (*TRUSTED, _user()):
+            if state.st_uid not in (*TRUSTED, os.getuid()):
                 return f"{folder} belongs to another user"
             if _others_write(state):
                 return f"others can write {folder} (chmod go-w), from which machine code is loaded"
         above = root.resolve().parent
-        if sys.platform != "win32" and above.stat().st_mode & (stat.S_IWOTH | stat.S_ISVTX) == stat.S_IWOTH:
+        if above.stat().st_mode & (stat.S_IWOTH | stat.S_ISVTX) == stat.S_IWOTH:
             return f"others can replace it in {above}"
     except OSError as error:
         return (error.strerror or str(error)).lower()
@@ -71,12 +68,6 @@ def _fault(root: Path) -> str:
 
 def _others_write(state: os.stat_result) -> bool:
     """Return True if others than the owner can write a folder; a group of the owner alone does not count."""
-    if sys.platform == "win32":
-        # A folder of the user's profile has its own access list, which these bits do not show.
-        return False
-    import grp
-    import pwd
-
     if not state.st_mode & stat.S_IWGRP or state.st_mode & stat.S_IWOTH:
         return bool(state.st_mode & stat.S_IWOTH)
     try:

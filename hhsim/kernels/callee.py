@@ -20,12 +20,11 @@ from numba import types
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, compile_result
-from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import AnalysisPass, PassManager, register_pass
+from numba.core.compiler import Compiler, CompileResult, compile_result
+from numba.core.compiler_machinery import PassManager
 from numba.core.registry import CPUDispatcher
 
-from hhsim.kernels.kernel_cache import TURNS, KernelCache, Stored
+from hhsim.kernels.kernel_cache import KernelCache
 
 CALLEE_PREFIX = "callee-"
 """How the names of callees' files begin."""
@@ -40,21 +39,6 @@ class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
-
-
-@register_pass(mutates_CFG=False, analysis_only=True)
-class _Unannotated(AnalysisPass):  # type: ignore[misc]
-    """Leaves out the annotation of types for people, which numba makes of every function."""
-
-    _name = "unannotated"
-
-    def __init__(self) -> None:
-        super().__init__()
-
-    def run_pass(self, state: Any) -> bool:
-        """Set what later passes ask for."""
-        state.type_annotation = ""
-        return False
 
 
 PASSES = (
@@ -72,23 +56,21 @@ PASSES = (
     typed.PreLowerStripPhis,
     typed.NoPythonSupportedFeatureValidation,
     typed.IRLegalization,
-    _Unannotated,
     typed.NativeLowering,
     typed.NoPythonBackend,
 )
-"""numba's passes in their order, but for those of what no kernel has: closures, literals to unroll, raises, arrays made
-of others; each would look through every function."""
+"""numba's passes in their order, but for those of what no kernel has (closures, literals to unroll, raises, arrays made
+of others) and the annotation of types for people; each would look through every function."""
 
 
 class _CalleeCompiler(Compiler):  # type: ignore[misc]
     """Compiler that ends before optimisation."""
 
-    def __init__(
-        self, typingctx: Any, targetctx: Any, library: Any, args: Any, return_type: Any, flags: Any, locals: Any
-    ) -> None:
+    def __init__(self, typing: Any, target: Any, _: Any, args: Any, returned: Any, flags: Any, locals: Any) -> None:
         flags.no_compile = True
-        own = _CalleeLibrary(targetctx.codegen(), "callee")
-        super().__init__(typingctx, targetctx, own, args, return_type, flags, locals)
+        own = _CalleeLibrary(target.codegen(), "callee")
+        super().__init__(typing, target, own, args, returned, flags, locals)
+        self.state.type_annotation = ""  # which the last pass takes
 
     def define_pipelines(self) -> list[PassManager]:
         """Return `PASSES`."""
@@ -99,41 +81,63 @@ class _CalleeCompiler(Compiler):  # type: ignore[misc]
         return [passes]
 
 
-class _StoredCallee(Stored):
-    """A callee in the cache as LLVM bitcode, which a new caller need not type and lower again."""
+def _reduce_callee(result: Any) -> Any:
+    """Return what is written of a callee: LLVM bitcode, which a new caller need not type and lower again."""
+    result.library._ensure_finalized()
+    description = result.fndesc
+    description.typemap = description.calltypes = None  # as numba does: they need not be kept, and may not pickle
+    code = result.library._get_module_for_linking().as_bitcode()
+    return result.library.name, code, description, result.environment, result.signature
 
-    prefix = CALLEE_PREFIX
 
-    def reduce(self, data: Any) -> Any:
-        """Return what is written to the cache."""
-        data.library._ensure_finalized()
-        description = data.fndesc
-        description.typemap = description.calltypes = None  # as numba does: they need not be kept, and may not pickle
-        code = data.library._get_module_for_linking().as_bitcode()
-        return data.library.name, code, description, data.environment, data.signature
+def _rebuild_callee(target_context: Any, payload: Any) -> Any:
+    name, code, description, environment, signature = payload
+    library = _CalleeLibrary(target_context.codegen(), name)
+    library._final_module = library._shared_module = llvm.parse_bitcode(code)
+    library._finalized = True
+    return compile_result(
+        typing_context=target_context.typing_context,
+        target_context=target_context,
+        entry_point=object(),
+        type_annotation="",
+        library=library,
+        signature=signature,
+        objectmode=False,
+        lifted=(),
+        fndesc=description,
+        environment=environment,
+        reload_init=(),
+        referenced_envs=(),
+    )
 
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """Return what was written as the result of a compilation."""
-        name, code, description, environment, signature = payload
-        library = _CalleeLibrary(target_context.codegen(), name)
-        library._final_module = library._shared_module = llvm.parse_bitcode(code)
-        library._finalized = True
-        return compile_result(
-            typing_context=target_context.typing_context,
-            target_context=target_context,
-            entry_point=object(),
-            typing_error=None,
-            type_annotation="",
-            library=library,
-            signature=signature,
-            objectmode=False,
-            lifted=(),
-            fndesc=description,
-            environment=environment,
-            metadata=None,
-            reload_init=(),
-            referenced_envs=(),
-        )
+
+def _reduce_entry(result: Any) -> Any:
+    """Return what is written of a kernel: machine code alone, since callers take the bitcode of the callee.
+
+    Environments of callees hold what exceptions are made of; to read one imports the callee's module.
+    """
+    *stored, environments = result._reduce()
+    return _without_bitcode((*stored, tuple(one for one in environments if one.consts)))
+
+
+def _without_bitcode(stored: Any) -> Any:
+    """Return a stored kernel with machine code alone.
+
+    numba writes a library as a triple of its name, "object", and a pair of machine code and bitcode. It reads from the
+    bitcode which functions there are: their names stay, with nothing in them.
+    """
+    if not isinstance(stored, tuple):
+        return stored
+    if len(stored) == 3 and stored[1] == "object":
+        code, bitcode = stored[2]
+        names = [function.name for function in llvm.parse_bitcode(bitcode).functions if not function.is_declaration]
+        empty = llvm.parse_assembly("".join(f'define void @"{name}"() {{ ret void }}\n' for name in names))
+        return stored[0], stored[1], (code, empty.as_bitcode())
+    return tuple(_without_bitcode(part) for part in stored)
+
+
+def _rebuild_entry(target_context: Any, payload: Any) -> Any:
+    return CompileResult._rebuild(target_context, *payload)
 
 
 class Callee(CPUDispatcher):  # type: ignore[misc]
@@ -142,11 +146,6 @@ class Callee(CPUDispatcher):  # type: ignore[misc]
     def __init__(self, function: Callable[..., Any], options: dict[str, Any], inlined: bool) -> None:
         super().__init__(function, targetoptions=options, pipeline_class=_CalleeCompiler)
         self._inlined = inlined
-
-    def compile(self, sig: Any) -> Any:
-        """Load code for a signature from the cache, or compile it."""
-        with global_compiler_lock, TURNS.kept():
-            return super().compile(sig)
 
     def add_overload(self, cres: Any) -> None:
         """Keep the code for one signature for callers to link; an object stands for the entry of machine code."""
@@ -220,8 +219,8 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         """Load machine code for a signature from the cache, or compile it."""
         # A program declares hundreds of kernels and calls a few: the others' folders need not be known.
         if self._cached and not isinstance(self._cache, KernelCache):
-            self._cache = KernelCache(self.py_func)
-        with collector_at_rest(), global_compiler_lock, TURNS.kept():
+            self._cache = KernelCache(self.py_func, "", _reduce_entry, _rebuild_entry)
+        with collector_at_rest():
             return super().compile(sig)
 
     @functools.cached_property
@@ -230,7 +229,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         options = {**self.targetoptions, "no_cpython_wrapper": True}
         callee = Callee(self.py_func, options, self._inlined)
         if self._cached:
-            callee._cache = KernelCache(self.py_func, _StoredCallee)
+            callee._cache = KernelCache(self.py_func, CALLEE_PREFIX, _reduce_callee, _rebuild_callee)
         return callee
 
     def _stored_callee(self, kinds: tuple[Any, ...]) -> Any:
@@ -256,8 +255,3 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
     @property
     def _numba_type_(self) -> types.Dispatcher:
         return types.Dispatcher(self.callee)
-
-    @property
-    def signatures(self) -> tuple[Any, ...]:
-        """Signatures it was compiled for, for Python and for other kernels."""
-        return tuple(dict.fromkeys([*self.overloads, *self.callee.overloads]))

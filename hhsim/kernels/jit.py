@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.kernels.callee import Kernel
-from hhsim.kernels.kernel_cache import implementing_kernels, source_of
+from hhsim.kernels.kernel_cache import implementing_kernels, kernel_sources
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
@@ -29,8 +29,7 @@ as_bool = cast(Callable[[bool], bool], np.bool_)
 """Convert a literal to a plain value, so that numba does not compile a callee once more for that literal."""
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-JIT_ENABLED = not numba.config.DISABLE_JIT
+R = TypeVar("R")
 
 
 def as_argument(values: ArrayLike) -> NDArray[np.float64]:
@@ -45,8 +44,8 @@ def _compile(function: F, allocates: bool = False, inlined: bool = True, **optio
     # Where it is not said, numba takes it from the kernel during whose compilation a callee happens to be compiled.
     options.setdefault("forceinline", False)
     # A kernel of another package is compiled in every process: the digest cannot cover what it calls.
-    cached = source_of(function.__module__) is not None
-    return cast(F, Kernel(function, options, cached, inlined)) if JIT_ENABLED else function
+    cached = function.__module__ in kernel_sources()
+    return cast(F, Kernel(function, options, cached, inlined))
 
 
 def jit(function: F) -> F:
@@ -78,18 +77,30 @@ def jit_pasted(function: F) -> F:
     return _compile(function, inline="always")
 
 
-class Lowering(Protocol):
-    """Decorator that keeps a function's type."""
-
-    def __call__(self, function: F) -> F:
-        """Return what stands for the function."""
+LOWERED = {float: types.float64, int: types.int64, bool: types.boolean, type(None): types.void}
 
 
-def lowered(declare: Callable[..., Any]) -> Lowering:
-    """Replace a function in kernels by a numba intrinsic, made by `declare`; uncompiled, the function itself runs."""
+def lowered(returned: type[R]) -> Callable[[Callable[..., Any]], Callable[..., R]]:
+    """Have kernels call what a function writes with LLVM's builder, which it gets before its arguments.
 
-    def lower(function: F) -> F:
-        return cast(F, intrinsic(declare)) if JIT_ENABLED else function
+    Of an array it gets numba's structure of it. Python cannot call it.
+    """
+
+    def lower(write: Callable[..., Any]) -> Callable[..., R]:
+        @functools.wraps(write)
+        def declare(_: Any, *given: types.Type) -> Any:
+            kinds = [types.int64 if isinstance(kind, types.Integer) else kind for kind in given]
+
+            def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+                arguments = (
+                    context.make_array(kind)(context, builder, value) if isinstance(kind, types.Array) else value
+                    for kind, value in zip(kinds, values)
+                )
+                return write(builder, *arguments) or context.get_dummy_value()
+
+            return LOWERED[returned](*kinds), generate
+
+        return cast(Callable[..., R], intrinsic(declare))
 
     return lower
 

@@ -11,15 +11,13 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from hhsim.kernels.jit import JIT_ENABLED
 
-
-def code_of(kernel: Any, *arguments: Any) -> Any:
+def code_of(kernel: Any, *arguments: Any) -> int:
     """Return what `call_code` takes: the address of a kernel's machine code for arguments of these types.
 
-    It is compiled or loaded if need be. Where nothing is compiled it is the kernel itself.
+    It is compiled or loaded if need be.
     """
-    return kernel.address(*arguments) if JIT_ENABLED else kernel
+    return int(kernel.address(*arguments))
 
 
 def _calls(returned: types.Type) -> Callable[..., Any]:
@@ -39,20 +37,11 @@ def _calls(returned: types.Type) -> Callable[..., Any]:
     return call
 
 
-if JIT_ENABLED:
-    call_code = cast(Callable[[Any, Any], int], intrinsic(_calls(types.int64)))
-    """Call machine code with a tuple of arguments of the types that it was compiled for; it returns an integer."""
-    run_code = cast(Callable[[Any, Any], None], intrinsic(_calls(types.none)))
-    """Call machine code that returns nothing."""
-    ask_code = cast(Callable[[Any, Any], bool], intrinsic(_calls(types.boolean)))
-    """Call machine code that returns a truth."""
-    number_of_code = cast(Callable[[Any, Any], float], intrinsic(_calls(types.float64)))
-    """Call machine code that returns a number."""
-
-else:
-
-    def call_code(code: Any, arguments: Any) -> Any:
-        """Call a kernel that is not compiled."""
-        return code(*arguments)
-
-    run_code = ask_code = number_of_code = call_code
+call_code = cast(Callable[[Any, Any], int], intrinsic(_calls(types.int64)))
+"""Call machine code with a tuple of arguments of the types that it was compiled for; it returns an integer."""
+run_code = cast(Callable[[Any, Any], None], intrinsic(_calls(types.none)))
+"""Call machine code that returns nothing."""
+ask_code = cast(Callable[[Any, Any], bool], intrinsic(_calls(types.boolean)))
+"""Call machine code that returns a truth."""
+number_of_code = cast(Callable[[Any, Any], float], intrinsic(_calls(types.float64)))
+"""Call machine code that returns a number."""

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
 from numba.core import cgutils
 from numpy.typing import NDArray
 
@@ -24,25 +23,15 @@ READ, KEEP, DATA = 0, 3, 1
 """Arguments of `llvm.prefetch`: for reading, kept in all caches, data."""
 
 
-def _prefetch_line(typing: Any, array: Any, index: Any, offset: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        rows = context.make_array(signature.args[0])(context, builder, arguments[0])
-        stride = cgutils.unpack_tuple(builder, rows.strides)[0]
-        offset = builder.add(builder.mul(arguments[1], stride), arguments[2])
-        byte = ir.IntType(8).as_pointer()
-        place = builder.gep(builder.bitcast(rows.data, byte), [offset])
-        number = ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), (byte, number, number, number))
-        function = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
-        builder.call(function, (place, number(READ), number(KEEP), number(DATA)))
-        return context.get_dummy_value()
-
-    return types.void(array, types.int64, types.int64), generate
-
-
-@lowered(_prefetch_line)
-def _prefetch(array: NDArray[Any], index: int, offset: int) -> None:
-    pass
+@lowered(type(None))
+def _prefetch(builder: Any, rows: Any, index: Any, offset: Any) -> None:
+    """Request the cache line `offset` bytes behind the beginning of a row."""
+    byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+    stride = cgutils.unpack_tuple(builder, rows.strides)[0]
+    place = builder.gep(builder.bitcast(rows.data, byte), [builder.add(builder.mul(index, stride), offset)])
+    kind = ir.FunctionType(ir.VoidType(), (byte, number, number, number))
+    function = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
+    builder.call(function, (place, number(READ), number(KEEP), number(DATA)))
 
 
 @jit_inline

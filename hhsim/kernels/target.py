@@ -7,7 +7,6 @@ fixes. The named target makes the machine code itself the same, so that it can b
 import os
 import platform
 import warnings
-from pathlib import Path
 
 import numba
 from llvmlite import binding
@@ -15,15 +14,10 @@ from llvmlite import binding
 CHOICE = "HHSIM_CPU"
 """Environment variable: `native` to compile for the processor of this machine."""
 NATIVE = "native"
-TARGETS = {"x86_64": "x86-64-v3", "AMD64": "x86-64-v3", "aarch64": "generic", "arm64": "generic"}
+TARGETS = {"x86_64": "x86-64-v3", "aarch64": "generic", "arm64": "generic"}
 """LLVM's name of the target for each kind of machine."""
 NEEDED = {"x86-64-v3": ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")}
 """Features that a processor must have to run code for a target."""
-COMPILED = Path(__file__).parent / "compiled"
-"""Folder of a wheel's kernels; there is none in the sources."""
-BUILT_FOR = "TARGET"
-"""File there with the text of the target that they were compiled for."""
-
 OPTIMISATION = {"OPT": 3, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0}
 """Settings of numba that change the machine code; only kernels with checked bounds take them from the environment."""
 
@@ -36,11 +30,6 @@ def named_target() -> str | None:
     """Return the named target of this kind of machine; None if there is none or the processor lacks a feature."""
     target, has = TARGETS.get(platform.machine()), binding.get_host_cpu_features()
     return target if target and all(has.get(feature) for feature in NEEDED.get(target, ())) else None
-
-
-def is_named() -> bool:
-    """Return True if the kernels are compiled for the named target."""
-    return str(numba.config.CPU_NAME) == named_target()
 
 
 def chosen_target() -> str:

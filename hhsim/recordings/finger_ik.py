@@ -1,7 +1,7 @@
 """Joint angles of hhsim's hand from recorded fingers: of one sample by its bones, and of a recording over time.
 
 Of one sample the abduction is the plane nearest to the three bones: the least eigenvector of a 2 × 2 matrix, which is
-defined for a fist too; the flexions are angles in that plane. Live tracking computes the same. Bones of a recording are
+defined for a fist too; the flexions are angles in that plane. Live tracking does the same. Bones of a recording are
 medians.
 
 Angles of a recording minimise the squared distances of a finger's joints and tip from the recorded ones, together with
@@ -22,9 +22,15 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, MIRROR, PALM_CENTER, default_fingers
 from hhsim.hand.quaternion import conjugate, quaternion_product
-from hhsim.kernels.hand.tracked_hand import EXACT, LEAST, STRAIGHT
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
+
+STRAIGHT = 0.05
+"""Weight of zero abduction against three measured unit bones: it decides if they are parallel."""
+EXACT = 1e-8
+"""Squared distance from their plane below which bones were not measured and need no such weight."""
+LEAST = 1e-15
+"""Remainder of that weight for them, below an angle's resolution."""
 
 
 def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from hhsim.arrays import IntArray
 from hhsim.kernels.hand.kinematics import DOF, PHALANX_COUNT
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.columns import common_count, variable_count
@@ -27,17 +26,11 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.POINTER(ctypes.c_int64), *[ctype
 
 def backend_code(method: Any, backend: str) -> tuple[Any, Any]:
     """Return machine code that solves the programs of a hand alone by a QP solver, and what the caller keeps for it."""
-
-    def solve_here(*_: Any) -> int:
-        return OPTIMAL if _solve_with(backend, method) else INFEASIBLE
-
-    if not JIT_ENABLED:
-        return solve_here, None
     failed: list[BaseException] = []
 
     def called(value: Any, *_: Any) -> int:
         try:
-            value[0] = solve_here()
+            value[0] = OPTIMAL if _solve_with(backend, method) else INFEASIBLE
         except BaseException as error:
             failed.append(error)
             value[0] = INFEASIBLE

@@ -23,7 +23,7 @@ from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
-from hhsim.kernels.jit import JIT_ENABLED, as_argument
+from hhsim.kernels.jit import as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -221,7 +221,7 @@ def warm_up(
     penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
         look_at(solver.workspace.hand, solver.workspace.code, solver.workspace.tick_options, solver.workspace.states)
-    return WarmUp(time.perf_counter() - began, JIT_ENABLED and compiled_kernels() > before)
+    return WarmUp(time.perf_counter() - began, compiled_kernels() > before)
 
 
 def clearance(workspace: TickWorkspace) -> float:

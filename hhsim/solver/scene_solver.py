@@ -14,7 +14,6 @@ from msgspec import structs
 
 from hhsim.arrays import Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.mesh.mesh import Mesh
@@ -268,11 +267,11 @@ class OneTick:
     @property
     def address(self) -> int:
         """Address of the machine code, 0 if there is none."""
-        return 0 if self.kernel is None or not JIT_ENABLED else int(self.kernel.address(*self.arguments))
+        return 0 if self.kernel is None else int(self.kernel.address(*self.arguments))
 
     @cached_property
     def _entry(self) -> Callable[..., Any]:
-        found: Callable[..., Any] = self.kernel.entry(*self.arguments) if JIT_ENABLED else self.kernel
+        found: Callable[..., Any] = self.kernel.entry(*self.arguments)
         return found
 
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:

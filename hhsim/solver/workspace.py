@@ -23,7 +23,6 @@ from hhsim.kernels.contact.own_parts import OwnParts
 from hhsim.kernels.contact.self_pairs import SelfPairs, add_bends, add_rows, clear_fraction, foresee_rows, measure_pairs
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
@@ -47,7 +46,7 @@ def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> t
     surface is compiled or loaded if need be.
     Raises InputError for arrays that kernels would take field by field.
     """
-    if JIT_ENABLED and not isinstance(typeof(arrays), Reference):
+    if not isinstance(typeof(arrays), Reference):
         raise InputError(f"{type(arrays).__name__} of a surface: expected a NamedTuple that is declared by_reference")
     # A state that nobody writes to, for the types of what is in it.
     state = np.empty(1, state_dtype).view(np.recarray)[0]
@@ -56,7 +55,7 @@ def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> t
         code_of(evaluate, hand, state.pose, arrays, Reach(0.0, 0.0, 0.0), state.candidates, state.work),
         code_of(find_contacts, arrays, hand, state.pose, state.candidates, 0.0, state.contacts),
         code_of(count_pairs, arrays, hand, state.candidates, 0.0),
-        written.ctypes.data if JIT_ENABLED else arrays,
+        written.ctypes.data,
     )
 
 

@@ -15,7 +15,6 @@ from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import hand_reach
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parts.surface import JointedSurface
@@ -160,7 +159,7 @@ class WorldEngine:
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
-        self.thread_team = ThreadTeam(workspace.options.threads if JIT_ENABLED and second is None else 1, self.qp)
+        self.thread_team = ThreadTeam(workspace.options.threads if second is None else 1, self.qp)
         self.ticks = object_record(0)
         self.all_ticks: BodiesRecord | None = None
         self._called: Any = None
@@ -223,7 +222,7 @@ class WorldEngine:
             parts = workspace.surface.motion
             self._parts = write_rows([parts])
             code["giving"] = code_of(give_way, parts, method, self.qp)
-            code["given"] = self._parts.ctypes.data if JIT_ENABLED else parts
+            code["given"] = self._parts.ctypes.data
         return method._replace(**code)
 
     @property

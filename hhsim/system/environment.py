@@ -27,7 +27,6 @@ def collect() -> dict[str, Any]:
     `kernels` has the folder of the compiled ones, and whether those of exactly these sources are there; `missing` are
     packages by their extra.
     """
-    from hhsim.kernels.jit import JIT_ENABLED
     from hhsim.kernels.kernel_cache import KERNEL_CACHE, is_cached
 
     missing: dict[str, list[str]] = {}
@@ -38,7 +37,7 @@ def collect() -> dict[str, Any]:
         "hhsim": __version__,
         "revision": revision(),
         "machine": machine(),
-        "kernels": {"folder": str(KERNEL_CACHE), "compiled": is_cached(), "jit": JIT_ENABLED},
+        "kernels": {"folder": str(KERNEL_CACHE), "compiled": is_cached()},
         "packages": package_versions(),
         "missing": missing,
     }

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.jit import JIT_ENABLED, Array, jit, jit_allocating
+from hhsim.kernels.jit import Array, jit, jit_allocating
 
 
 @by_reference
@@ -35,7 +35,6 @@ def allocated(whole: Whole, which: int) -> Array:
     return np.full(1, whole.first.values[0] + whole.parts[which].values[0])
 
 
-@pytest.mark.skipif(not JIT_ENABLED, reason="the kernels are not compiled here")
 @pytest.mark.parametrize("kernel", [jit(total), jit_allocating(allocated)], ids=["plain", "allocating"])
 def test_a_call_keeps_no_hold_of_what_it_was_given(kernel: Any) -> None:
     arrays = [np.arange(2.0) + k for k in range(3)]

@@ -1,17 +1,20 @@
-"""Where compiled kernels go, and what makes them stale."""
+"""Where compiled kernels go, what makes them stale, and what is done with damaged ones."""
 
 import importlib
+import math
 import os
 import shutil
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 import hhsim
-from hhsim.kernels.kernel_cache import imported_kernels
+from hhsim.kernels.kernel_cache import SHIPPED, imported_kernels
+from tools.build_wheel import pack
 
 PACKAGE = Path(hhsim.__file__).parent
 
@@ -54,9 +57,9 @@ def test_an_edit_makes_the_kernels_stale_that_call_it_and_no_others(copy: Path) 
         "for name in ['', *edits]:\n"
         "    for path in [Path('hhsim', name)] * bool(name):\n"
         "        path.write_text(path.read_text() + '\\n# one more line\\n')\n"
-        "    for known in (cache._text, cache.imported_kernels, cache.implementing_kernels, cache.module_digest):\n"
-        "        known.cache_clear()\n"
-        "    print(*(cache.module_cache(f'hhsim.kernels.{name}').name for name in watched))"
+        "    for known in ('kernel_sources', 'imported_kernels', 'implementing_kernels', 'module_digest'):\n"
+        "        getattr(cache, known).cache_clear()\n"
+        "    print(*(cache.module_folder(f'hhsim.kernels.{name}') for name in watched))"
     )
     read_from, *folders = output(copy, script, ",".join(WATCHED), ",".join(EDITS)).splitlines()
     assert Path(read_from).is_relative_to(copy), "not the copy"
@@ -72,30 +75,82 @@ def test_the_digest_follows_every_kernel_that_a_module_takes_a_function_from(pat
     loaded = importlib.import_module(module)
     homes = {getattr(value, "__module__", None) for value in vars(loaded).values()}
     used = {home for home in homes if isinstance(home, str) and home.startswith("hhsim.kernels.")} - {module}
-    assert used <= set(imported_kernels(module))
+    assert used <= imported_kernels(module)
 
 
-@pytest.mark.parametrize("fault", ["flipped", "flipped in the digest", "cut", "empty"])
-def test_a_damaged_file_is_compiled_anew(tmp_path: Path, fault: str) -> None:
-    script = (
-        "import numpy as np; from hhsim.kernels.rotation import quaternion_to_matrix as kernel\n"
-        "from hhsim.kernels.kernel_cache import compiled_kernels\n"
-        "matrix = np.empty((3, 3)); kernel(np.array([1.0, 0.0, 0.0, 0.0]), matrix)\n"
-        "print(compiled_kernels(), matrix.trace())"
-    )
-    kept = {"PYTHONPATH": str(PACKAGE.parent), "NUMBA_DISABLE_JIT": "0"}
-    assert output(tmp_path, script, **kept) == "1 3.0\n"
+TURN = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from hhsim.kernels import kernel_cache
+from hhsim.kernels.rotation import quaternion_to_matrix
+kernel_cache.SHIPPED = Path(sys.argv[1])
+while not kernel_cache.SHIPPED.parent.exists():
+    time.sleep(0.001)
+matrix = np.empty((3, 3))
+quaternion_to_matrix(np.array([1.0, 0.0, 0.0, 0.0]), matrix)
+print(kernel_cache.compiled_kernels(), matrix.trace())
+"""
+COMPILED, LOADED = "1 3.0\n", "0 3.0\n"
+
+
+def turn(folder: Path, shipped: Path = SHIPPED) -> tuple[str, str]:
+    """How many kernels a process compiles to turn a quaternion into a matrix, and its warnings."""
+    command = [sys.executable, "-c", TURN, str(shipped)]
+    environment = {**os.environ, "HHSIM_CACHE_DIR": str(folder / "cache")}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout, done.stderr
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("compiled")
+    assert turn(folder) == (COMPILED, "")
+    return folder
+
+
+@pytest.mark.parametrize("ships", [False, True], ids=["kept", "shipped"])
+@pytest.mark.parametrize("fault", ["none", "flipped", "flipped in the digest", "cut", "empty"])
+def test_a_file_is_loaded_and_a_damaged_one_is_named_and_compiled_anew(
+    compiled: Path, tmp_path: Path, fault: str, ships: bool
+) -> None:
+    shipped = tmp_path / "wheel" / "compiled"
+    if ships:
+        pack(compiled / "cache", shipped)
+    else:
+        shutil.copytree(compiled / "cache", tmp_path / "cache")
+        shipped.parent.mkdir()
     (path,) = tmp_path.rglob("*.nbc")
     whole = path.read_bytes()
-    damaged = bytearray(whole)
-    damaged[5 if "digest" in fault else len(whole) // 2] ^= 1
-    path.write_bytes({"cut": whole[: len(whole) // 2], "empty": b""}.get(fault, bytes(damaged)))
-    assert output(tmp_path, script, **kept) == "1 3.0\n"
-    assert output(tmp_path, script, **kept) == "0 3.0\n"
+    flipped = bytearray(whole)
+    flipped[5 if "digest" in fault else len(whole) // 2] ^= 1
+    path.write_bytes({"none": whole, "cut": whole[: len(whole) // 2], "empty": b""}.get(fault, bytes(flipped)))
+    out, warned = turn(tmp_path, shipped)
+    assert out == (LOADED if fault == "none" else COMPILED)
+    assert (path.name in warned) == (fault != "none")
+    assert turn(tmp_path, shipped)[0] == LOADED
+    assert len([*tmp_path.rglob("*.nbc")]) == 1 + (ships and fault != "none")
+
+
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: Path) -> None:
+    environment = {**os.environ, "HHSIM_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", TURN, str(tmp_path / "go" / "compiled")]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) for _ in range(3)]
+    # Each of them has its imports done, or compiles nothing as another has compiled it.
+    time.sleep(1.0)
+    (tmp_path / "go").mkdir()
+    assert sorted(process.communicate()[0] for process in processes) == [LOADED, LOADED, COMPILED]
+
+
+def test_python_calls_what_another_process_has_compiled_for_a_caller(tmp_path: Path) -> None:
+    calls = "arc_tangents(np.ones(1), np.ones(1), np.empty(1))", "print(arc_tangent(1.0, 1.0))"
+    script = "import numpy as np; from hhsim.kernels.arithmetic import arc_tangent, arc_tangents; "
+    found = [output(tmp_path, script + call, PYTHONPATH=str(PACKAGE.parent)) for call in calls]
+    assert found == ["", f"{math.pi / 4.0}\n"]
 
 
 @pytest.mark.soak
 def test_checked_and_unchecked_kernels_are_kept_apart(tmp_path: Path) -> None:
-    script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_cache('hhsim.kernels.tick.block').name)"
+    script = "import hhsim.kernels.kernel_cache as cache; print(cache.module_folder('hhsim.kernels.tick.block'))"
     kinds: list[dict[str, str]] = [{}, {"NUMBA_BOUNDSCHECK": "1"}, {"HHSIM_CPU": "native"}]
     assert len({output(tmp_path, script, **kind) for kind in kinds}) == 3

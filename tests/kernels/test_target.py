@@ -1,11 +1,10 @@
 """The target of the kernels: the named one if the processor can run it, or its own where that is asked for."""
 
-import numba
 import pytest
 from llvmlite import binding
 
 from hhsim.kernels import target
-from hhsim.kernels.target import CHOICE, NATIVE, TargetWarning, chosen_target, is_named, named_target
+from hhsim.kernels.target import CHOICE, NATIVE, TargetWarning, chosen_target, named_target
 
 V3 = "x86-64-v3"
 
@@ -37,5 +36,3 @@ def test_an_older_processor_compiles_for_what_it_has(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(binding, "get_host_cpu_features", lambda: {"avx2": True, "fma": False})
     assert chosen_target() == NATIVE
     assert named_target() is None
-    monkeypatch.setattr(numba.config, "CPU_NAME", "sandybridge")
-    assert not is_named()

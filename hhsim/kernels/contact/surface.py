@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import JIT_ENABLED, Array, Indices, Record, generic, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, generic, jit, jit_inline
 from hhsim.kernels.round_cone import RoundCone
 
 SHARED_CANDIDATES = [
@@ -45,8 +45,6 @@ def seen_as(records: NDArray[np.void], dtype: "np.dtype[Any]") -> Any:
 
     Of several records it is another type for numba than of one.
     """
-    if not JIT_ENABLED:
-        return records.view(np.recarray)
     return np.ndarray(records.shape, dtype, records, strides=records.strides).view(np.recarray)
 
 

@@ -15,18 +15,15 @@ The time of a missed period is attributed to its cause, from the system's accoun
 """
 
 import math
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hhsim.kernels.arithmetic import arc_tangent, hypotenuse, sine_cosine
 from hhsim.kernels.clock import call_c, monotonic_ns, sleep_until
-from hhsim.kernels.jit import JIT_ENABLED, Record, as_int64, jit
+from hhsim.kernels.jit import Record, as_int64, jit, lowered
 
 PASSED = -1
 """Delay of a deadline that could not be slept for."""
@@ -210,23 +207,11 @@ MISSES = np.dtype(
 """State for naming the cause of a miss; pairs are of the last tick that was slept for, and of the one before it."""
 
 
-def _pread(typing: Any, descriptor: Any, text: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        word = ir.IntType(64)
-        array = context.make_array(signature.args[1])(context, builder, arguments[1])
-        file = builder.trunc(arguments[0], ir.IntType(32))
-        return call_c(builder, "pread", word, file, array.data, array.nitems, word(0))
-
-    return types.int64(types.int64, text), generate
-
-
-if JIT_ENABLED:
-    _read_bytes = cast(Callable[[int, Bytes], int], intrinsic(_pread))
-
-else:
-
-    def _read_bytes(descriptor: int, text: Bytes) -> int:
-        return UNKNOWN
+@lowered(int)
+def _read_bytes(builder: Any, descriptor: Any, text: Any) -> Any:
+    """Read a file from its beginning; return the number of bytes, or the system's -1."""
+    word = ir.IntType(64)
+    return call_c(builder, "pread", word, builder.trunc(descriptor, ir.IntType(32)), text.data, text.nitems, word(0))
 
 
 @jit

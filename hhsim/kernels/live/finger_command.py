@@ -130,37 +130,6 @@ def ease_fingers(commander: Record) -> None:
 
 
 @jit
-def _measure(commander: Record, flexion: Array, phalanx: Array) -> bool:
-    """Compute bend and force of each finger; False where one is not finite."""
-    sum_ = 0.0
-    for finger in range(FINGER_COUNT):
-        bend = force = 0.0
-        for joint in range(3):
-            bend += commander.gain[finger, joint] * (flexion[finger, joint] - commander.offset[finger, joint])
-            square = 0.0
-            for axis in range(3):
-                square += phalanx[finger, joint, axis] * phalanx[finger, joint, axis]
-            force += math.sqrt(square)
-        commander.wanted[finger] = bend
-        commander.force[finger] = force
-        sum_ += abs(bend) + force
-    return math.isfinite(sum_)
-
-
-@jit
-def _follow(commander: Record) -> None:
-    """Move the set points at their limited rate; the first ones are set at once."""
-    for finger in range(FINGER_COUNT):
-        wanted = min(max(commander.wanted[finger], 0.0), 1.0)
-        if commander.begun == 1:
-            before = commander.bend[finger]
-            step = min(max(wanted - before, -commander.move), commander.move)
-            wanted = min(max(before + step, 0.0), 1.0)
-        commander.bend[finger] = wanted
-    commander.begun = 1
-
-
-@jit
 def _press(commander: Record, kept_free: NDArray[np.int64]) -> None:
     share = commander.good_ticks / commander.ramp_ticks
     still = 0
@@ -203,11 +172,31 @@ def update_command(
     Takes the graphic hand's flexion [rad], shape (5, 3), the force on each phalanx [N], shape (5, 3, 3), world, the
     palm's (w, x, y, z), world, the tick's bits, any of which frees all fingers, and 1 for those kept free, shape (5,).
     """
-    if not _measure(commander, flexion, phalanx):
+    whole = 0.0
+    for finger in range(FINGER_COUNT):
+        bend = force = 0.0
+        for joint in range(3):
+            bend += commander.gain[finger, joint] * (flexion[finger, joint] - commander.offset[finger, joint])
+            square = 0.0
+            for axis in range(3):
+                square += phalanx[finger, joint, axis] * phalanx[finger, joint, axis]
+            force += math.sqrt(square)
+        commander.wanted[finger] = bend
+        commander.force[finger] = force
+        whole += abs(bend) + force
+    if not math.isfinite(whole):
         commander.force[:] = 0.0
         free_fingers(commander)
         return safety | SOLVER_FAILED
-    _follow(commander)
+    # Set points move at their limited rate; the first ones are set at once.
+    for finger in range(FINGER_COUNT):
+        wanted = min(max(commander.wanted[finger], 0.0), 1.0)
+        if commander.begun == 1:
+            before = commander.bend[finger]
+            step = min(max(wanted - before, -commander.move), commander.move)
+            wanted = min(max(before + step, 0.0), 1.0)
+        commander.bend[finger] = wanted
+    commander.begun = 1
     if safety != 0:
         free_fingers(commander)
         return safety

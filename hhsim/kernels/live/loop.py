@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import await_event, monotonic_ns, send_event, sleep_until, thread_cpu_ns
-from hhsim.kernels.jit import as_int64, jit
+from hhsim.kernels.jit import jit
 from hhsim.kernels.live.deadlines import (
     account_waking,
     begin_periods,
@@ -20,25 +20,22 @@ from hhsim.kernels.live.deadlines import (
     woken,
 )
 from hhsim.kernels.live.tick import (
+    Hands,
     LiveArrays,
     WorldTick,
     begin_hand,
     begin_tick,
     command_tick,
     free_with_other,
-    give_hand,
+    give_hands,
     look_for_stop,
-    publish_bodies,
-    publish_tick,
-    take_hand,
+    publish_hands,
+    take_hands,
     waiting_since,
 )
 from hhsim.kernels.machine_code import call_code
 
 Bytes = NDArray[np.uint8]
-Hands = tuple[LiveArrays, ...]
-"""One hand, or the right and the left one."""
-
 ASKS_PYTHON = 0
 """Outcome of `run_loop`: Python has to solve, by what is not compiled."""
 DRIVERS = 3
@@ -97,29 +94,6 @@ def begin_hands(hands: Hands) -> bool:
         free_with_other(hands[h], hands[h + 1])
         free_with_other(hands[h + 1], hands[h])
     return solved
-
-
-@jit
-def give_hands(hands: Hands, world: WorldTick) -> None:
-    """Hand the solver the user's hands."""
-    for h in range(len(hands)):
-        give_hand(hands[h].row[0], as_int64(h), world)
-
-
-@jit
-def take_hands(hands: Hands, world: WorldTick) -> None:
-    """Take what the solver made of them."""
-    for h in range(len(hands)):
-        take_hand(hands[h], as_int64(h), world)
-
-
-@jit
-def publish_hands(hands: Hands, world: WorldTick, done: int, solved: bool) -> None:
-    """Record a tick, see `publish_tick`; the first hand last, so that who reads its row finds all the others."""
-    if solved:
-        publish_bodies(hands[0], world)
-    for h in range(len(hands) - 1, -1, -1):
-        publish_tick(hands[h], done, solved)
 
 
 @jit

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.jit import Indices, Record, as_int64, jit
+from hhsim.kernels.jit import Indices, as_int64, jit
 from hhsim.kernels.live.deadlines import CAUSES, NOTHING, count_phase, deadline_shift
 from hhsim.kernels.live.finger_command import (
     DEVICE_LOST,
@@ -116,43 +116,45 @@ class WorldTick(NamedTuple):
     rows: NDArray[np.uint8]  # ring of such rows, which are numbered as those of the ticks, (rows, bytes)
 
 
+Hands = tuple[LiveArrays, ...]
+"""One hand, or the right and the left one."""
+
+
 @jit
-def give_hand(row: Record, h: int, world: WorldTick) -> None:
-    """Copy the user's hand h of the loop's row to the tick that is to be solved."""
+def give_hands(hands: Hands, world: WorldTick) -> None:
+    """Copy the users' hands of the loop's rows to the tick that is to be solved."""
     haptic = world.haptic
-    copy_values(row.haptic_position[:], haptic.position[h, 0])
-    copy_values(row.haptic_orientation[:], haptic.orientation[h, 0])
-    copy_values(row.haptic_flexion[:], haptic.flexion[h, 0])
-    copy_values(row.haptic_abduction[:], haptic.abduction[h, 0])
+    for h in range(len(hands)):
+        row = hands[h].row[0]
+        copy_values(row.haptic_position[:], haptic.position[h, 0])
+        copy_values(row.haptic_orientation[:], haptic.orientation[h, 0])
+        copy_values(row.haptic_flexion[:], haptic.flexion[h, 0])
+        copy_values(row.haptic_abduction[:], haptic.abduction[h, 0])
 
 
 @jit
-def take_hand(live: LiveArrays, h: int, world: WorldTick) -> None:
-    """Copy the solved tick of hand h to the loop's row, with the status bits of who placed the hand."""
-    record, loop, row = world.record, live.loop[0], live.row[0]
-    row.status = record.status[h, 0] | loop.placed
-    loop.placed = 0
-    loop.status = row.status
-    copy_values(record.position[h, 0], row.position[:])
-    copy_values(record.orientation[h, 0], row.orientation[:])
-    copy_values(record.flexion[h, 0], row.flexion[:])
-    copy_values(record.abduction[h, 0], row.abduction[:])
-    copy_values(record.joints[h, 0], row.joints[:])
-    copy_values(record.phalanx[h, 0], row.phalanx[:])
-    copy_values(record.fingertip_normal[h, 0], row.fingertip_normal[:])
-    copy_values(record.palm_wrench[h, 0], row.palm_wrench[:])
-    copy_values(record.total[h, 0], row.total[:])
-    copy_values(record.duration[h, 0], row.duration[:])
-    row.duration_total = record.duration_total[h, 0]
-    row.duration_cpu = record.duration_cpu[h, 0]
-    copy_values(record.work[h, 0], row.work[:])
-    row.lag = record.lag[h, 0]
-
-
-@jit
-def publish_bodies(live: LiveArrays, world: WorldTick) -> None:
-    """Record the bodies of a tick; it comes before the first hand's own, by which it is found."""
-    copy_values(world.bodies, world.rows[live.ticks_written[0] % world.rows.shape[0]])
+def take_hands(hands: Hands, world: WorldTick) -> None:
+    """Copy the solved tick to the loop's rows, with the status bits of who placed each hand."""
+    record = world.record
+    for h in range(len(hands)):
+        loop, row = hands[h].loop[0], hands[h].row[0]
+        row.status = record.status[h, 0] | loop.placed
+        loop.placed = 0
+        loop.status = row.status
+        copy_values(record.position[h, 0], row.position[:])
+        copy_values(record.orientation[h, 0], row.orientation[:])
+        copy_values(record.flexion[h, 0], row.flexion[:])
+        copy_values(record.abduction[h, 0], row.abduction[:])
+        copy_values(record.joints[h, 0], row.joints[:])
+        copy_values(record.phalanx[h, 0], row.phalanx[:])
+        copy_values(record.fingertip_normal[h, 0], row.fingertip_normal[:])
+        copy_values(record.palm_wrench[h, 0], row.palm_wrench[:])
+        copy_values(record.total[h, 0], row.total[:])
+        copy_values(record.duration[h, 0], row.duration[:])
+        row.duration_total = record.duration_total[h, 0]
+        row.duration_cpu = record.duration_cpu[h, 0]
+        copy_values(record.work[h, 0], row.work[:])
+        row.lag = record.lag[h, 0]
 
 
 @jit
@@ -177,28 +179,6 @@ def usual_interval(usual: float, step: int) -> float:
     if step > usual:
         return usual * INTERVAL_STEP
     return max(usual / INTERVAL_STEP, float(step))
-
-
-@jit
-def _take_sample(live: LiveArrays, place: int) -> None:
-    loop, row = live.loop[0], live.row[0]
-    sample = live.samples[place]
-    loop.arrived_ns = sample.time_ns
-    usable = use_sample(live.watch[0], live.notes[0], sample, row.haptic_flexion[:], row.haptic_abduction[:])
-    if usable:
-        if loop.sample_ns >= 0:
-            loop.usual_ns = usual_interval(loop.usual_ns, sample.time_ns - loop.sample_ns)
-        loop.sample_ns = sample.time_ns
-        loop.input_seq = sample.seq
-        live.status[0].sample_ns = sample.time_ns
-        for i in range(sample.channels.shape[0]):
-            live.refused[0].known[i] = np.isfinite(sample.channels[i])
-    elif loop.usable == 1:
-        for i in range(sample.channels.shape[0]):
-            live.refused[0].channels[i] = sample.channels[i]
-        note(live.notes[0], sample.time_ns, as_int64(REFUSED), as_int64(0), as_int64(0), 0.0)
-    loop.usable = 1 if usable else 0
-    live.status[0].battery = sample.battery
 
 
 @jit
@@ -228,8 +208,24 @@ def _take_samples(live: LiveArrays) -> None:
     # Older samples may be overwritten while they are read.
     loop.taken = max(loop.taken, written - capacity // 2)
     last = min(written, loop.taken + MOST_SAMPLES)
+    row, status, refused = live.row[0], live.status[0], live.refused[0]
     for number in range(loop.taken, last):
-        _take_sample(live, number % capacity)
+        sample = live.samples[number % capacity]
+        loop.arrived_ns = sample.time_ns
+        usable = use_sample(live.watch[0], live.notes[0], sample, row.haptic_flexion[:], row.haptic_abduction[:])
+        if usable:
+            if loop.sample_ns >= 0:
+                loop.usual_ns = usual_interval(loop.usual_ns, sample.time_ns - loop.sample_ns)
+            loop.sample_ns = status.sample_ns = sample.time_ns
+            loop.input_seq = sample.seq
+            for i in range(sample.channels.shape[0]):
+                refused.known[i] = np.isfinite(sample.channels[i])
+        elif loop.usable == 1:
+            for i in range(sample.channels.shape[0]):
+                refused.channels[i] = sample.channels[i]
+            note(live.notes[0], sample.time_ns, as_int64(REFUSED), as_int64(0), as_int64(0), 0.0)
+        loop.usable = 1 if usable else 0
+        status.battery = sample.battery
     loop.taken = last
 
 
@@ -322,21 +318,6 @@ def begin_hand(live: LiveArrays) -> bool:
 
 
 @jit
-def _hand_over(live: LiveArrays) -> None:
-    """Copy the command to the status that the driver reads."""
-    status, commander = live.status[0], live.commander[0]
-    version = status.command_version[:]
-    fetch_add(version, as_int64(0), as_int64(1))
-    copy_values(commander.bend[:], status.command_bend[:])
-    copy_values(commander.stiffness[:], status.command_stiffness[:])
-    for finger in range(commander.phalanx.shape[0]):
-        for joint in range(commander.phalanx.shape[1]):
-            copy_values(commander.phalanx[finger, joint], status.command_force[finger, joint])
-    status.command_safety = live.loop[0].safety
-    fetch_add(version, as_int64(0), as_int64(1))
-
-
-@jit
 def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
     """Compute and hand over the command of a tick, solved by `now` [ns] or not, with the solver's status bits."""
     loop, row, commander = live.loop[0], live.row[0], live.commander[0]
@@ -360,7 +341,17 @@ def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
         note(live.notes[0], woke, as_int64(LONG_TICK), as_int64(0), as_int64(0), 0.0)
     if loop.safety != 0 or not solved:
         free_fingers(commander)
-    _hand_over(live)
+    # The driver reads the command from the status.
+    shared = live.status[0]
+    version = shared.command_version[:]
+    fetch_add(version, as_int64(0), as_int64(1))
+    copy_values(commander.bend[:], shared.command_bend[:])
+    copy_values(commander.stiffness[:], shared.command_stiffness[:])
+    for finger in range(commander.phalanx.shape[0]):
+        for joint in range(commander.phalanx.shape[1]):
+            copy_values(commander.phalanx[finger, joint], shared.command_force[finger, joint])
+    shared.command_safety = loop.safety
+    fetch_add(version, as_int64(0), as_int64(1))
 
 
 @jit
@@ -389,7 +380,7 @@ def _publish(live: LiveArrays) -> None:
 
 
 @jit
-def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
+def _publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
     """Record a tick whose command was handed over at `done` [ns], unless there is no graphic hand (`solved`)."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
     sent = loop.safety & DRY_RUN != 0 or loop.safety & DEVICE_LOST == 0
@@ -408,3 +399,13 @@ def publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
     if loop.safety != loop.told:
         note(live.notes[0], deadlines.woke_ns, as_int64(SAFETY_CHANGED), as_int64(0), loop.safety, 0.0)
         loop.told = loop.safety
+
+
+@jit
+def publish_hands(hands: Hands, world: WorldTick, done: int, solved: bool) -> None:
+    """Record a tick, see `_publish_tick`; the first hand last, so that who reads its row finds all the others."""
+    if solved:
+        # It comes before the first hand's own row, by which it is found.
+        copy_values(world.bodies, world.rows[hands[0].ticks_written[0] % world.rows.shape[0]])
+    for h in range(len(hands) - 1, -1, -1):
+        _publish_tick(hands[h], done, solved)

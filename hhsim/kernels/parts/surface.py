@@ -13,9 +13,11 @@ its lists falls by what the hand has moved past it, whichever of the two moved.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference, declare_row
@@ -33,7 +35,7 @@ from hhsim.kernels.contact.surface import (
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import HAND_POSE
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline, lowered
+from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.round_cone import RoundCone
@@ -259,14 +261,12 @@ def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
     return (_part_of_trees if isinstance(pieces, TreeArrays) else _part_of_meshes)(pieces, first, end)
 
 
-@lowered(declare_row)
-def _row(pieces: Any, written: Indices, p: int, start: Indices) -> Any:
-    return part_pieces(pieces, start[p], start[p + 1])
+_row = cast(Callable[[Any, Indices, int], Any], intrinsic(declare_row))
 
 
 @jit_inline
 def _pieces_of(surface: JointedSurface, p: int) -> Any:
-    return _row(surface.pieces, surface.written, p, surface.start)
+    return _row(surface.pieces, surface.written, p)
 
 
 @jit_inline

@@ -1,10 +1,12 @@
 """Contacts with the leaf spheres of the object's sphere tree, as in the paper."""
 
 import math
-from typing import Any, TypeAlias
+from collections.abc import Callable
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from numba import from_dtype
+from numba.extending import intrinsic
 
 from hhsim.kernels.contact.detection import COUNT_NODE_TESTS
 from hhsim.kernels.contact.surface import (
@@ -26,7 +28,7 @@ from hhsim.kernels.contact.surface import (
     tier_of,
 )
 from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT, HandArrays, phalanx_cone, placed_sphere
-from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline, lowered
+from hhsim.kernels.jit import Array, Indices, Record, as_index, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone import (
     RoundCone,
     Spheres,
@@ -101,10 +103,8 @@ def _declare(typing: Any, shared: Any) -> Any:
     return from_dtype(CANDIDATES)(shared), generate
 
 
-@lowered(_declare)
-def sphere_candidates(shared: Record) -> Record:
-    """Return the `CANDIDATES` that begin with these, of a tick's state, which every kind of surface has."""
-    return shared
+sphere_candidates = cast(Callable[[Record], Record], intrinsic(_declare))
+"""Return the `CANDIDATES` that begin with these, of a tick's state, which every kind of surface has."""
 
 
 @jit_inline

@@ -31,7 +31,6 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.model import SIDES
-from hhsim.kernels.jit import JIT_ENABLED
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.deadlines import DEADLINES, MISSES, PHASE, account_steal, account_waking, begin_periods
 from hhsim.kernels.live.finger_command import COMMANDER, DRY_RUN, INTERLOCK
@@ -258,7 +257,7 @@ class LiveLoop:
         self._address = self.one_tick.address
         compiled: Any = run_loop
         given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
-        self._run = compiled.entry(*given) if JIT_ENABLED else run_loop
+        self._run = compiled.entry(*given)
         with contextlib.closing(CpuAccounts()) as accounts:
             accounts.totals()
         # `place` has to find its kernels compiled.

@@ -1,4 +1,4 @@
-"""The winding kernels against arctangents in numpy and solids whose inside is known, and three rays against them."""
+"""The winding kernels against arctangents in numpy, and inside and outside of what is closed by winding number."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -7,6 +7,10 @@ from mesh_oracle import by_arctangents
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, winding_moments, winding_numbers
+from hhsim.kernels.mesh.inside_field import SolidField, leave_inside
+from tools.shapes.generators import cube
+
+CUBE = cube(0.07)
 
 
 def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
@@ -39,3 +43,12 @@ def test_the_fast_one_is_near_the_exact_one_for_loose_triangles(seed: int, count
     faces = np.arange(3 * count).reshape(-1, 3)
     points = rng.normal(size=(50, 3)) * scale * rng.choice([1.0, 10.0])
     np.testing.assert_allclose(fast(vertices, faces, points), winding(vertices[faces], points), atol=0.05)
+
+
+def test_a_hole_is_left_where_the_winding_number_is_one_half() -> None:
+    top = (CUBE.triangles[:, :, 2] > 0.0).all(axis=1)
+    walls = build_mesh_bvh(CUBE.vertices, CUBE.faces[~top], signed=False)
+    start, share = np.array([[0.0, 0.0, 0.0], [0.001, 0.002, -0.02]]), np.empty(2)
+    leave_inside(SolidField(walls, winding_moments(walls)), start, start + [0.0, 0.0, 0.1], share)
+    # From the plane of a hole its edge hides just half of all directions.
+    np.testing.assert_allclose(start[:, 2] + 0.1 * share, 0.035, atol=1e-3)
