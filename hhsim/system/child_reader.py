@@ -14,8 +14,8 @@ from hhsim.system.posix import call_in_child, memory_file
 
 SECONDS, BYTES_PER_SECOND = 10.0, 1e6
 """Processor time for reading a file: so many seconds, and one more for so many bytes."""
-PATIENCE = 3.0
-"""Ratio of wall-clock limit to processor time, for a busy machine."""
+PATIENCE = 10.0
+"""Ratio of wall-clock limit to processor time: at a third of that a sound mesh was called damaged on a busy machine."""
 MEMORY, MEMORY_PER_BYTE = 4 << 30, 16
 """Address space that reading a file may add to the process [byte]: so much, and so many more for each byte."""
 

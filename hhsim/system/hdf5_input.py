@@ -26,8 +26,6 @@ DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeError
 """Errors of h5py for a file with wrong bytes."""
 SECONDS = 3.0
 """Processor time for reading a small file [s]; it takes milliseconds."""
-PATIENCE = 10.0
-"""Ratio of wall-clock limit to processor time, for a busy machine."""
 BYTES_PER_SECOND = 20e6
 """Rate of the additional time for a larger file [byte/s]."""
 
@@ -109,9 +107,10 @@ def _fault(path: Path) -> str:
     end = stated_end(path)
     if end is not None and size < end:
         return f"a damaged HDF5 file: cut short, {size:,} of {end:,} bytes are there"
-    limits = {"seconds": SECONDS, "rate": BYTES_PER_SECOND, "patience": PATIENCE}
     try:
-        read_in_child(lambda: read_to_end(path, size), "a damaged HDF5 file", size, **limits)
+        read_in_child(
+            lambda: read_to_end(path, size), "a damaged HDF5 file", size, seconds=SECONDS, rate=BYTES_PER_SECOND
+        )
     except BlockingIOError:
         raise _written(path) from None
     except DamagedFileError as error:
