@@ -23,7 +23,7 @@ COMMANDS = {
     "sweep": "Replay all that a plan names, each with each, and resume.",
     "live": "Put a glove in the loop at 1 kHz, safely, and record it.",
     "compare": "Set the figures of two results side by side.",
-    "export": "Write the ticks of a result, or its hand as a recording.",
+    "export": "Write the ticks of a result as a table.",
     "view": "Look at results in the rerun viewer.",
     "report": "Make one HTML page of results: figures, curves, worst ticks.",
     "verify": "Check a result: seal, second run, physics by other code.",

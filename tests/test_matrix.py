@@ -190,10 +190,7 @@ READERS: dict[str, tuple[Command, ...]] = {
     "report": (Command("report {file} --out {file}.html --quiet"),),
     "compare": (Command("compare {file} {file} {hand} --json", holds="comparable"),),
     "gate": (Command("gate {file} --quiet", (0, 1)),),
-    "export": (
-        Command("export {file} {file}.csv --columns all {hand} --quiet"),
-        Command("export {file} {file}.npz --as npz {hand} --quiet"),
-    ),
+    "export": (Command("export {file} {file}.csv --columns all {hand} --quiet"),),
     "scene, score": (
         Command(f"scene {{words}} {SHORT} --out {{folder}} --quiet"),
         # The example is the user's own hand, which goes through things: suspected, code 1.

@@ -20,7 +20,7 @@ ABSURD = (
     *("9223372036854775808", "-9223372036854775809", "99999999999999999999"),
 )
 WORDS = {
-    *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--case", "--columns", "--name"),
+    *("--method", "--fingers", "--qp", "--object", "--motion", "--surface", "--columns", "--name"),
     *("--source", "--licence", "--format", "--object-track", "--array", "--profile", "--host", "--pose-host"),
     *("--scheduler", "--rerun", "--trajectory", "--palm-axes", "--link"),
 }

@@ -44,6 +44,7 @@ WRITERS = {
     "hhsim/result/writer.py": "a result grows in a file that was not there",
     "hhsim/result/csv_export.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
+    "hhsim/kernels/kernel_cache.py": "a kernel beside its own, whose place it takes when it is whole",
     "hhsim/sweep/repair_batch.py": "the null device",
     "hhsim/recordings/formats/hhsim.py": "an image in memory",
     "hhsim/system/checksummed_file.py": "adds the seal to a file that was just written",

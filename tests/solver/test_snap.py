@@ -68,6 +68,7 @@ def test_forces_of_a_snap_follow_and_balance_the_coupling(grasp: Result) -> None
     assert verify(grasp).passed
 
 
+@pytest.mark.soak
 def test_a_tick_that_snaps_without_a_reason_is_found(grasp: Result, tmp_path: Path) -> None:
     said = at("said", "hands/right/tick/status", result_ticks(grasp).holds[0].stop - 1, lambda _: STATUS_SNAP)
     assert failing(verify(planted(grasp.path, tmp_path, said))) == {"second run"}
@@ -89,6 +90,7 @@ def test_beside_a_free_body_damping_keeps_the_bound(lift: Result) -> None:
     assert not [claim for claim in verify(lift).claims if claim.failed]
 
 
+@pytest.mark.soak
 def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path) -> None:
     tick = int(np.flatnonzero(np.asarray(lift["status"]) == STATUS_SNAP)[0])
     haptic = at("moved", "hands/right/tick/haptic/position", tick, lambda place: place + 1e-3)

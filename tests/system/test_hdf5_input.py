@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -107,7 +108,8 @@ def test_a_reader_that_never_ends_or_breaks_down_takes_nothing_with_it(
     (tmp_path / "bare.h5").write_bytes(image)
     monkeypatch.setattr(hdf5_input, "read_to_end", reader)
     monkeypatch.setattr(hdf5_input, "SECONDS", 0)
-    monkeypatch.setattr(hdf5_input, "PATIENCE", 0.1 if case == "wall clock" else 10.0)
+    patience = 0.1 if case == "wall clock" else child_reader.PATIENCE
+    monkeypatch.setattr(hdf5_input, "read_in_child", partial(child_reader.read_in_child, patience=patience))
     with pytest.raises(DamagedFileError, match=why):
         open_hdf5(tmp_path / "bare.h5")
     assert capfd.readouterr() == ("", "")

@@ -24,8 +24,7 @@ def test_a_golden_run_is_made_again(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.quick(
-    *("bunny-grasp-mesh", "rock-whole-hand-progressive", "cube-pinch-paper", "cylinder-whole-hand-penalty"),
-    *("two-hands-teapot", "carry-driven", "free-lift-both", "door-swing", "blocks-stack", "laptop-close"),
+    *("bunny-grasp-mesh", "cube-pinch-paper", "two-hands-teapot", "door-swing", "blocks-stack", "laptop-close")
 )
 def test_the_referee_finds_nothing_false(name: str, tmp_path: Path) -> None:
     run(name, tmp_path / "run.h5")
