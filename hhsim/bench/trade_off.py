@@ -300,9 +300,9 @@ LEVEL_MARKS = {1: "v", 2: "D", 3: "s", 4: "o", 5: "*"}
 CAPTION = (
     "Mark: median CPU time of a tick in contact; the line from it ends at p99. Off the true mesh: the larger of the "
     "deepest penetration and the farthest contact point, over all motions. A hollow mark is one linearisation; steps "
-    "join those that none beats. Grey: other engines, whose ratios carry over to another machine, and not their times. "
-    "Red: 1 ms."
+    "join those that none beats. Grey band: mean times that the paper states. Red: 1 ms."
 )
+CAPTION_OF_OTHERS = " Grey marks: other engines, whose ratios carry over to another machine, and not their times."
 
 
 class Mark(NamedTuple):
@@ -330,7 +330,8 @@ def draw_trade_off(path: Path, rows: Sequence[Row], note: str = "") -> None:
     check_picture(path)
     trade_off = _trade_off(rows, note)
     with _drawn(trade_off) as figure:
-        caption = wrap(CAPTION, int(figure.get_figwidth() / style.LETTER))
+        others = any(not row.get("ours", True) for row in rows)
+        caption = wrap(CAPTION + CAPTION_OF_OTHERS * others, int(figure.get_figwidth() / style.LETTER))
         figure.supxlabel("\n".join(caption), x=0.0, ha="left", color=style.SOFT, fontsize=style.TEXT)
         save_figure(figure, path)
 
