@@ -10,6 +10,8 @@ from conftest import Run
 from linkage_samples import joint, link, urdf, write_box
 from robot_arms import write_arm
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.quick("2")
 @pytest.mark.parametrize("links", [2, 7])

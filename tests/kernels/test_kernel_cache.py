@@ -16,6 +16,8 @@ import hhsim
 from hhsim.kernels.kernel_cache import SHIPPED, imported_kernels
 from tools.build_wheel import pack
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(hhsim.__file__).parent
 
 

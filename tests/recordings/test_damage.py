@@ -34,6 +34,8 @@ from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording
 
+pytestmark = pytest.mark.slow
+
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
 NOTICEABLE = 0.012
 """A change below this [m of a fingertip] may be the hand: half as much again as a single sample may stick out."""

@@ -33,6 +33,8 @@ from hhsim.sweep.repair_batch import BatchOutcome
 from hhsim.table.table import Table
 from hhsim.trees.contact_surface import contact_surface
 
+pytestmark = pytest.mark.slow
+
 RATE = 30.0
 UNCHANGED = 1e-5
 """Move of a joint in a frame that needs no repair [m]: smoothing may reach it."""

@@ -24,6 +24,8 @@ from hhsim.solver.options import UNBOUNDED, SolverOptions
 from hhsim.solver.workspace import tick_options
 from hhsim.verify.verify import verify
 
+pytestmark = pytest.mark.slow
+
 HAND = HandModel.default()
 SNAP_STEP = 1.5e-4
 """Way beyond the user's own in a tick of 1 ms by default [m]."""

@@ -23,6 +23,8 @@ Run = Callable[..., Any]
 BROKEN = '''
 import os
 
+pytestmark = pytest.mark.slow
+
 
 class Broken:
     """Raises, or ends its process."""

@@ -9,6 +9,8 @@ from hhsim.result.reader import load_result
 from hhsim.verify.verify import verify
 from tools.golden import GOLDEN, ROUNDED, SCENES, keep, load, moved, run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(autouse=True)
 def in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,8 @@ from hhsim.result.reader import load_result
 from hhsim.verify.second_run import OF_A_MACHINE, OF_NO_RUN, is_measured
 from hhsim.verify.verify import Verification, verify
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:

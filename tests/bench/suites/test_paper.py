@@ -39,6 +39,8 @@ from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 
+pytestmark = pytest.mark.slow
+
 HAND = HandModel.default()
 OPTIONS = Paper.planned(methods=("coupled", "paper"), objects=("cube", "bunny"), level=3, instances=2, repetitions=2)
 

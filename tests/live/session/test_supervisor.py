@@ -20,6 +20,8 @@ BEGIN = """
 import os, signal, sys, time
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.processes import LIVE_STATUS, SharedBlock, Stage, process_setup
+
+pytestmark = pytest.mark.slow
 # The watchdog's setup names the status block, and it has nothing else.
 first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):
