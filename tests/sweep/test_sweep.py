@@ -20,10 +20,10 @@ from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import CellTask, SweepFolder, SweepSummary, cell_rows, run_sweep
 
 Run = Callable[..., Any]
+pytestmark = pytest.mark.slow
+
 BROKEN = '''
 import os
-
-pytestmark = pytest.mark.slow
 
 
 class Broken:

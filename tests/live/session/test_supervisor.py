@@ -15,13 +15,13 @@ from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.result.schema import FAULT, WARNING
 
+pytestmark = pytest.mark.slow
+
 # Without hhsim's numerics, which every one of them would load.
 BEGIN = """
 import os, signal, sys, time
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.processes import LIVE_STATUS, SharedBlock, Stage, process_setup
-
-pytestmark = pytest.mark.slow
 # The watchdog's setup names the status block, and it has nothing else.
 first = process_setup("stand-in", None)[0]
 if hasattr(first, "status"):
