@@ -151,7 +151,9 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
 @pytest.mark.parametrize(("at", "fault"), [(8, ""), (9, "at the end")])
 def test_a_fault_counts_as_one_at_the_end_if_it_was_then(make: Make, at: int, fault: str) -> None:
     with make(record=False, loop=FAULTY_LOOP.format(at=at)) as session:
+        limit = time.monotonic() + 60.0
         while session.stage != Stage.ENDING:
+            assert time.monotonic() < limit, "the loop never ended"
             time.sleep(0.005)
     assert session.end().fault_at_end == fault
 
