@@ -198,8 +198,8 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> Table:
     return Table(columns, [{"scene": name, **row} for name, row in rows.items()])
 
 
-def times(python: str, name: str, out: Path) -> NDArray[np.float64]:
-    """Replay a scene at 1 kHz with some hhsim; return the CPU time of its hands' ticks [µs], NaN out of contact."""
+def times(python: str, name: str, out: Path) -> tuple[str, NDArray[np.float64]]:
+    """Replay a scene at 1 kHz with some hhsim; return its revision and its ticks' CPU time [µs], NaN out of contact."""
     command = [str(Path(python).with_name("hhsim")), "replay", *SCENES[name].split(), "--out", str(out), "--quiet"]
     if subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, check=False).returncode not in (0, 1):
         raise RuntimeError(f"{name}: {' '.join(command)} failed")
@@ -207,27 +207,23 @@ def times(python: str, name: str, out: Path) -> NDArray[np.float64]:
         arrays = [hand["tick"] for hand in file["hands"].values()]
         touching = sum(hand["contacts/touching"][()] > 0 for hand in arrays)
         spent = np.sum([hand["duration/total_cpu"][()] for hand in arrays], axis=0)
-    return np.where(touching, 1e-3 * spent, np.nan)
+        revision = str(file.attrs["git_revision"])
+    return revision, np.where(touching, 1e-3 * spent, np.nan)
 
 
 def compare_times(other: str, names: Sequence[str], runs: int, folder: Path) -> Iterator[dict[str, Any]]:
     """Yield p50 and p99 [µs] of each scene by another hhsim and by this one, in turns; of each tick the least time."""
     for name in names:
-        least = {
-            python: np.min(found, axis=0)
-            for python, found in zip(
-                (other, sys.executable),
-                zip(
-                    *(
-                        [times(python, name, folder / "run.h5") for python in (other, sys.executable)]
-                        for _ in range(runs)
-                    )
-                ),
-            )
-        }
+        found: dict[str, list[NDArray[np.float64]]] = {}
+        for _ in range(runs):
+            for python in (other, sys.executable):
+                revision, spent = times(python, name, folder / "run.h5")
+                found.setdefault(revision, []).append(spent)
+        if len(found) != 2:
+            raise RuntimeError(f"{other} runs this same hhsim: every result is of revision {next(iter(found))}")
         row: dict[str, Any] = {"scene": name}
         for quantile in (50, 99):
-            before, after = (float(np.nanpercentile(values, quantile)) for values in least.values())
+            before, after = (float(np.nanpercentile(np.min(spent, axis=0), quantile)) for spent in found.values())
             row |= {f"p{quantile}": after, f"before {quantile}": before, f"ratio {quantile}": after / before}
         yield row
 

@@ -177,20 +177,19 @@ def limit_rows(
     row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
 ) -> None:
     """Write a finger's rows of joint limits from `row` on, two a joint; lowest, highest, scale are of shape (3,)."""
+    for j in range(6):
+        zeros = common[j, row : row + 2 * PHALANX_COUNT]
+        for i in range(2 * PHALANX_COUNT):
+            zeros[i] = 0.0
+    for j in range(PHALANX_COUNT):
+        zeros = block[j, row : row + 2 * PHALANX_COUNT]
+        for i in range(2 * PHALANX_COUNT):
+            zeros[i] = 0.0
     for k in range(PHALANX_COUNT):
-        for side in range(2):
-            for j in range(6):
-                common[j, row] = 0.0
-            for j in range(PHALANX_COUNT):
-                block[j, row] = 0.0
-            # A joint beyond its limit may stay there but go no further, so that the zero step is feasible.
-            if side == 0:
-                block[k, row] = scale[k]
-                rhs[row] = min(lowest[k] - flexion[k], 0.0)
-            else:
-                block[k, row] = -scale[k]
-                rhs[row] = min(flexion[k] - highest[k], 0.0)
-            row += 1
+        block[k, row + 2 * k], block[k, row + 2 * k + 1] = scale[k], -scale[k]
+        # A joint beyond its limit may stay there but go no further, so that the zero step is feasible.
+        rhs[row + 2 * k] = min(lowest[k] - flexion[k], 0.0)
+        rhs[row + 2 * k + 1] = min(flexion[k] - highest[k], 0.0)
 
 
 @jit_inline
@@ -227,13 +226,20 @@ def limit_start(contacts: Record, finger: int) -> int:
 
 
 @jit_inline
-def clamp_to_limits(hand: HandArrays, pose: Record, finger: int, step: Array) -> None:
-    """Clamp one finger's flexion in a step, shape (21,), to its joint limits: its optimum without contacts."""
+def clamp_to_limits(hand: HandArrays, pose: Record, finger: int, step: Array) -> bool:
+    """Clamp one finger's flexion in a step, shape (21,), to its joint limits: its optimum without contacts.
+
+    Return whether that changed the step.
+    """
+    changed = False
     for k in range(PHALANX_COUNT):
         j = 6 + PHALANX_COUNT * finger + k
         low = min(hand.flexion_min[finger, k] - pose.flexion[finger, k], 0.0)
         high = max(hand.flexion_max[finger, k] - pose.flexion[finger, k], 0.0)
-        step[j] = min(max(step[j], low), high)
+        clamped = min(max(step[j], low), high)
+        changed = changed or clamped != step[j]
+        step[j] = clamped
+    return changed
 
 
 REFERENCES = 3

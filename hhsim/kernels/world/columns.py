@@ -229,8 +229,11 @@ def name_rows(contacts: Record, problem: Record) -> None:
             if not (alone and palm <= j < palm + 6):
                 for i in range(first, limits):
                     problem.common[j, i] = 0.0
+        for i in range(first, last):
+            problem.key[i] = KINDS * contacts.key[i]
+        for i in range(last, limits):
+            problem.key[i] = last - i - 1 - LIMIT_ROWS * p
         for i in range(first, limits):
-            problem.key[i] = KINDS * contacts.key[i] if i < last else last - i - 1 - LIMIT_ROWS * p
             problem.owner[i] = -1
             problem.kind[i] = 0
 

@@ -307,6 +307,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     if only_restore:
         fraction = 0.0
     elif fraction >= least:
+        world.share, world.knows_share = fraction, True
         return WHOLE_TARGET, 1.0
     off = 1.0 - fraction
     for h in range(hand_count(problem)):
@@ -341,7 +342,7 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `_clip_target`.
     """
     world = method.world[0]
-    hands, world.curved = hand_count(world.problem), world.unsettled or done > 0
+    hands, world.curved, world.knows_share = hand_count(world.problem), world.unsettled or done > 0, False
     for h in range(hands):
         each, curved = method.states[h], as_bool(world.unsettled or done >= FLAT_PROGRAMS)
         choose_bends(method.options.own.pairs, curved, mover_of(method, h), each.pose, each.self_contact)

@@ -211,7 +211,8 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
     """Compute Σ λ ∇²d · step over the loaded rows of a program, for a step of all variables [m, rad]."""
     world, row, force = lagrangian.world, lagrangian.row, lagrangian.force
     problem, hand, product, still = world.problem, work.hand, work.bent, is_still(world.problem)
-    product_out[:] = 0.0
+    for j in range(variable_count(problem)):
+        product_out[j] = 0.0
     for h in range(hand_count(problem)):
         each, palm, fingers = lagrangian.states[h], palm_column(problem, h), first_finger(problem, h)
         product[:] = 0.0
@@ -242,7 +243,8 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
 def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
     """Compute P S v for a v that is zero outside the program's own variables."""
     root, offset = lagrangian.inverse_root, lagrangian.offset
-    work.whole[:] = 0.0
+    for j in range(variable_count(lagrangian.world.problem)):
+        work.whole[j] = 0.0
     for j in range(lagrangian.n):
         work.whole[offset + j] = vector[j] * root[offset + j]
     _curvature(lagrangian, work.whole[:], work, work.product[:])

@@ -61,6 +61,8 @@ def world_dtype() -> "np.dtype[Any]":
             ("raises", np.int64),  # number of times that it has been raised in this tick
             ("work", np.int64, (WORK_COUNTERS,)),  # of a hand that gave way to parts before its tick
             ("spent", np.int64, (4,)),  # time of the same, as `duration` of a step [ns]
+            ("share", np.float64),  # of the step at hand that all listed pairs allow, where `knows_share`
+            ("knows_share", np.bool_),
             ("longest", np.float64, pairs),  # motion of what moves in each pair in the last program's step [m]
             ("found", np.int64, pairs),  # contacts of each pair within reach at the last program
             ("taken", np.int64, (hands,)),  # status bits of each hand's last sample

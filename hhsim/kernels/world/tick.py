@@ -244,9 +244,15 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     # million times stiffer than a joint that adds up.
     for p in range(pairs):
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
-            clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
+            changed = clamp_to_limits(mover_of(method, p), states[p].pose, f, states[p].step.delta[:])
+            world.knows_share = world.knows_share and not changed
     clearance = least_distance(state)
-    fraction, longest = allowed_share(method)
+    fraction, longest = world.share, 0.0
+    if world.knows_share:
+        for p in range(pairs):
+            longest = max(longest, world.longest[p])
+    else:
+        fraction, longest = allowed_share(method)
     for h in range(hand_count(problem) if still else 0):
         own = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count
         hindered = as_bool(own + world.meeting.count > 0)
