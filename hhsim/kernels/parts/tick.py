@@ -201,7 +201,7 @@ def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -
     steps, state.progress.carried = sub_steps(method.movers[0], state.pose, options.margin, parts, state.scratch[:])
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
-    began = monotonic_ns()
+    state.step.lap = began = monotonic_ns()
     radius, program, status = trust.radius, state.program, 0
     coupled, relaxed = program.is_coupled, program.is_relaxed
     world.stays, program.is_relaxed, program.is_coupled = True, True, True

@@ -85,7 +85,7 @@ def work_dtype(n_max: int, capacity: int) -> np.dtype[Any]:
             ("share", np.float64, (padded,)),  # scratch
             ("violation", np.float64, (capacity,)),  # b - a · x of every row, normalised
             ("inverse_norm", np.float64, (capacity,)),  # 1 / |a|, 0 for a zero row
-            ("slack", np.float64, (capacity,)),  # of a second scan of the rows, see `kernels.tick.second_order`
+            ("slack", np.float64, (capacity,)),  # of a second scan of the rows, see `kernels.world.second_order`
         ],
         align=True,
     )

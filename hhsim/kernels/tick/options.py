@@ -20,7 +20,7 @@ class TickOptions(NamedTuple):
     step_tolerance: float  # a step shorter than this ends the tick
     tolerance: float  # of the QP, in units of √G δ, see `kernels.qp.active_set.solve`
     relaxation: float  # likewise
-    longest_correction: float  # for curvature, in units of √G δ, see `kernels.tick.second_order`
+    longest_correction: float  # for curvature, in units of √G δ, see `kernels.world.second_order`
     snap_step: float  # a tick moves the hand no farther beyond the user's own motion
     contact_stiffness: float  # of Eq. 14 and Fig. 9 [N/m]
     touch: float  # pairs nearer than this count as touching

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
 from hhsim.kernels.contact.own_parts import clear_own_fraction
 from hhsim.kernels.hand.kinematics import (
@@ -35,6 +36,7 @@ STEP = np.dtype(
         ("count", np.int64),  # number of these
         ("iterations", np.int64),  # QP iterations of this tick, added to
         ("duration", np.int64, (4,)),  # wall time of this tick [ns]: detection, palm QP, finger QPs, forces; added to
+        ("lap", np.int64),  # time up to which that is known [ns]
     ],
     align=True,
 )
@@ -52,6 +54,14 @@ ACTIVE_CONTACTS = np.dtype(
     align=True,
 )
 """Contacts with a multiplier at some step."""
+
+
+@jit_inline
+def lap(stage: int, state: Record) -> None:
+    """Add the time since the last lap to a stage of the tick: a look at the clock takes as long as some stages."""
+    step, now = state.step, monotonic_ns()
+    step.duration[stage] += now - step.lap
+    step.lap = now
 
 
 @jit_inline

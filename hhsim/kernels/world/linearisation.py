@@ -6,7 +6,6 @@ bring them together until none does.
 
 import numpy as np
 
-from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import find_surface_contacts
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.contact.own_parts import add_own_rows, foresee_own_rows
@@ -18,7 +17,15 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW
 from hhsim.kernels.tick.evaluation import least_distance
 from hhsim.kernels.tick.restoration import only_restores
-from hhsim.kernels.tick.step import CLEAR, DURATION_DETECT, DURATION_PALM, LEAST_SHARE, WHOLE_TARGET, allowed_fraction
+from hhsim.kernels.tick.step import (
+    CLEAR,
+    DURATION_DETECT,
+    DURATION_PALM,
+    LEAST_SHARE,
+    WHOLE_TARGET,
+    allowed_fraction,
+    lap,
+)
 from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import first_finger, hand_count, is_still, name_rows, pair_count, palm_column
 from hhsim.kernels.world.meeting import ADD, DEEP, RECALL, SHARE, spread_fingers
@@ -172,7 +179,6 @@ def prepare(method: World, near: float, state: Record) -> int:
     Contacts are those of `_find_contacts`.
     """
     world = method.world[0]
-    began = monotonic_ns()
     options, problem = method.options, world.problem
     ask_bodies(method, AIM, 0.0)
     count = _find_contacts(method, near, state)
@@ -192,7 +198,7 @@ def prepare(method: World, near: float, state: Record) -> int:
         each = method.states[p]
         given = mover_of(method, p), surface_at(method, p), options
         count_linearisation(*given, world.found[p], count, each)
-    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    lap(DURATION_DETECT, state)
     return count
 
 
@@ -262,12 +268,11 @@ def _solve_program(method: World, count: int, clipped: bool, state: Record, qp: 
 
 @jit
 def _solve_rows(method: World, clipped: bool, state: Record, qp: QpWork) -> int:
-    began = monotonic_ns()
     if method.solving != 0:
         status = call_code(method.solving, (method, state, clipped, qp))
     else:
         status = solve_plain(method.options, method.states, method.world[0], qp)
-    state.step.duration[DURATION_PALM] += monotonic_ns() - began
+    lap(DURATION_PALM, state)
     return status
 
 

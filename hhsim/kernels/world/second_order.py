@@ -206,7 +206,7 @@ class Lagrangian(NamedTuple):
     n: int
 
 
-@jit
+@jit_inline
 def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: Array) -> None:
     """Compute Σ λ ∇²d · step over the loaded rows of a program, for a step of all variables [m, rad]."""
     world, row, force = lagrangian.world, lagrangian.row, lagrangian.force
@@ -239,7 +239,7 @@ def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
             vector[j] -= c * basis[i, j]
 
 
-@jit
+@jit_inline
 def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
     """Compute P S v for a v that is zero outside the program's own variables."""
     root, offset = lagrangian.inverse_root, lagrangian.offset
@@ -253,7 +253,7 @@ def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: A
     _project_out(lagrangian.n, k, basis, image_out)
 
 
-@jit
+@jit_inline
 def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
     """Write P S x into the residual and the first search direction; returns its square."""
     root, offset, square = lagrangian.inverse_root, lagrangian.offset, 0.0
@@ -268,7 +268,7 @@ def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: R
     return square
 
 
-@jit
+@jit_inline
 def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: float, work: Record) -> None:
     """Solve P (I - S) P z = residual for the correction z, up to a bounded stretch where the curvature wins."""
     n, residual, search, image, correction = lagrangian.n, work.residual, work.search, work.image, work.correction
@@ -299,7 +299,7 @@ def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: f
             search[j] = residual[j] + square / previous * search[j]
 
 
-@jit
+@jit_inline
 def _free_share(k: int, rows: Rows, end: Array, rounding: float, qp: QpWork) -> float:
     """Compute the share of the way from x to `end` on which no other row is violated.
 
@@ -390,7 +390,8 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
     if not (bends or (world.curved and still)):
         return as_bool(False)
     root = world.bending_root
-    root[:] = 0.0
+    for j in range(n):
+        root[j] = 0.0
     for h in range(hand_count(problem)):
         palm, first = palm_column(problem, h), first_finger(problem, h)
         if still:

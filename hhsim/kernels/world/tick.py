@@ -51,6 +51,7 @@ from hhsim.kernels.tick.step import (
     bear_contacts,
     copy_active,
     keep_bound,
+    lap,
 )
 from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
@@ -237,7 +238,6 @@ def _fail(method: World, fraction: float, longest: float, full_motion: float, cl
 def advance(method: World, full_motion: float, state: Record) -> bool:
     """Make as much of the step as the listed pairs allow, and judge it by the true distances; True ends the tick."""
     world = method.world[0]
-    began = monotonic_ns()
     options, problem, progress, states = method.options, world.problem, state.progress, method.states
     pairs, still = pair_count(problem), is_still(problem)
     # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
@@ -283,7 +283,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
         done = not measure(method)
     else:
         done = _accept_all(method, fraction, longest, full_motion, state)
-    state.step.duration[DURATION_DETECT] += monotonic_ns() - began
+    lap(DURATION_DETECT, state)
     return as_bool(done)
 
 
@@ -297,6 +297,8 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     counts in the forces' time.
     """
     world, options, step = method.world[0], method.options, state.step
+    lap(DURATION_DETECT, state)
+    began = step.lap
     problem, relaxed, holds = world.problem, state.program.is_relaxed, state.program.holds_abduction
     iterations, coupled, duration = step.iterations, state.program.is_coupled, step.duration
     palm, fingers, detect = duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT]
@@ -318,6 +320,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
         method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
     world.within, world.settles, state.program.is_coupled = options.margin, False, coupled
     duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
+    duration[DURATION_FORCE] += step.lap - began
     step.iterations = iterations
     return as_bool(count >= 0)
 
@@ -345,7 +348,6 @@ def _finish_way(method: World, state: Record) -> tuple[bool, bool]:
 def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     """Return to the last poses without penetration, take the velocities, the forces and the status bits."""
     world = method.world[0]
-    began = monotonic_ns()
     options, progress, states, problem = method.options, state.progress, method.states, world.problem
     cut_short, still = is_budget_spent(options, state), is_still(problem)
     pairs_overflow, made_part = _finish_way(method, state)
@@ -369,11 +371,9 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         lags = lags or world.status[h] & STATUS_LAG != 0
     if method.solving != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
         suspend_decoupling(state)
-    detected = monotonic_ns()
     if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yielded(state)):
         near = max(options.touch, ON_THE_WAY * options.offset) if lags else options.touch
         settle_forces(method, near, state, qp)
-    settled = monotonic_ns() - detected
     for h in range(hand_count(problem)):
         each = states[h]
         if not progress.is_accepted and not still:
@@ -387,7 +387,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         if options.force_model == FORCE_PAPER:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
             find_surface_contacts(*shown, options.touch, each.contacts)
-    detected = monotonic_ns()
+    lap(DURATION_DETECT, state)
     ask_bodies(method, TURN, 0.0)
     for h in range(hand_count(problem)):
         each = states[h]
@@ -401,8 +401,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
             each.step.iterations = state.step.iterations
             copy_values(state.step.duration[:], each.step.duration[:])
         end_work(each)
-    state.step.duration[DURATION_DETECT] += detected - began - settled
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - detected + settled
+    lap(DURATION_FORCE, state)
 
 
 @jit
@@ -423,6 +422,7 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
     ask_bodies(method, TAKE, 0.0)
     begin_tick(options, state)
+    state.step.lap = monotonic_ns()
     _begin_motion(method, state)
     status = as_int64(0)
     for done in range(options.linearisations):
