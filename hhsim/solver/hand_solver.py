@@ -423,7 +423,7 @@ class WorldSolver:
             two.approach(START_LINEARISATIONS)
         elif self._has_free:
             two.begin()
-        two.world.is_near = parted
+        two.world.is_near, two.world.apart = parted, 0.0
         return begun
 
 

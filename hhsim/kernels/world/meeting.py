@@ -65,8 +65,8 @@ def keep_meetings(movers: Any, states: States, world: Record) -> None:
 
 
 @jit
-def _most_motion(states: States, world: Record) -> float:
-    # Bound of how much nearer any points of the hands come to each other in the step at hand [m].
+def most_motion(states: States, world: Record) -> float:
+    """Return a bound of how much nearer any points of two hands come to each other in the step at hand [m]."""
     total = 0.0
     for h in range(2):
         delta, spread, reach = states[h].step.delta, states[h].problem.abduction_step, world.meeting.reach[h]
@@ -85,7 +85,7 @@ def _most_motion(states: States, world: Record) -> float:
 def may_meet(offset: float, states: States, world: Record) -> bool:
     """Return whether the step at hand might bring the hands nearer to each other than the clearance [m]."""
     spread_fingers(states, world.problem)
-    world.may_meet = world.apart <= offset + _most_motion(states, world)
+    world.may_meet = world.apart <= offset + most_motion(states, world)
     return as_bool(world.may_meet == 1)
 
 
@@ -103,7 +103,7 @@ def add_meetings(movers: Any, options: TickOptions, states: States, world: Recor
 @jit
 def stay_apart(fraction: float, states: States, world: Record) -> bool:
     """Return whether the hands are known to be out of each other after a share of a step."""
-    world.apart -= fraction * _most_motion(states, world)
+    world.apart -= fraction * most_motion(states, world)
     return as_bool(world.apart > 0.0)
 
 

@@ -16,23 +16,32 @@ from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.evaluation import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
-from hhsim.kernels.world.meeting import hands_of, measure_hands
+from hhsim.kernels.world.meeting import SEEN, hands_of, measure_hands, most_motion
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.tick import MEASURE, TICK
 
 
 @jit_noinline
 def _may_have_met(method: World) -> bool:
-    """Return whether the way of each hand's last tick might have led it nearer than the clearance to the other one."""
+    """Return whether the way of each hand's last tick might have led it nearer than the clearance to the other one.
+
+    They are looked at where their motions may have used up the distance that they had when they were last.
+    """
     world, states, offset = method.world[0], method.states, method.options.offset
     for h in range(2):
         state = states[h]
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
         step_between(state.pose, state.prediction.start, delta, abduction, state.scratch)
+    world.apart -= most_motion(states, world)
+    if world.apart > offset:
+        return False
     hands, two = hands_of(method.movers, states, world)
     bound_motions(hands, two, world.meeting)
     look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)
-    return bool(world.meeting.least < np.inf)
+    if world.meeting.least < np.inf:
+        return True
+    world.apart = min(hands_nearest(hands, two, SEEN, world.meeting), SEEN)
+    return False
 
 
 @jit_noinline
