@@ -210,23 +210,29 @@ class Lagrangian(NamedTuple):
 def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: Array) -> None:
     """Compute Σ λ ∇²d · step over the loaded rows of a program, for a step of all variables [m, rad]."""
     world, row, force = lagrangian.world, lagrangian.row, lagrangian.force
-    problem, hand, product, still = world.problem, work.hand, work.bent, is_still(world.problem)
+    problem, still = world.problem, is_still(world.problem)
+    # Of one hand alone the program's variables are the hand's.
+    alone = still and hand_count(problem) == 1
     for j in range(variable_count(problem)):
         product_out[j] = 0.0
     for h in range(hand_count(problem)):
         each, palm, fingers = lagrangian.states[h], palm_column(problem, h), first_finger(problem, h)
-        product[:] = 0.0
-        for j in range(6):
-            hand[j] = step[palm + j] if still else 0.0
-        copy_values(step[fingers : fingers + FINGERS], hand[6:])
+        hand, product = step, product_out
+        if not alone:
+            hand, product = work.hand[:], work.bent[:]
+            product[:] = 0.0
+            for j in range(6):
+                hand[j] = step[palm + j] if still else 0.0
+            copy_values(step[fingers : fingers + FINGERS], hand[6:])
         if world.curved and still:
-            curvature_product(each.pose, each.contacts, problem.first[h], row, force, hand[:], product[:])
+            curvature_product(each.pose, each.contacts, problem.first[h], row, force, hand, product)
         if each.self_contact.bends:
             given, root = (each.pose, each.self_contact, problem.own_row[h]), problem.inverse_root[:]
-            add_own_bends(lagrangian.own, *given, row, force, root, hand[:], product[:])
-        for j in range(6 if still else 0):
-            product_out[palm + j] = product[j]
-        copy_values(product[6:], product_out[fingers : fingers + FINGERS])
+            add_own_bends(lagrangian.own, *given, row, force, root, hand, product)
+        if not alone:
+            for j in range(6 if still else 0):
+                product_out[palm + j] = product[j]
+            copy_values(product[6:], product_out[fingers : fingers + FINGERS])
 
 
 @jit_inline
