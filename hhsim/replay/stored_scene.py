@@ -16,9 +16,9 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.result import schema
+from hhsim.result.body import HAND_ARRAYS, result_hand
 from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
-from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
@@ -168,11 +168,6 @@ def require_whole(result: Result) -> None:
             raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
 
 
-def stored_mesh(body: StoredBody) -> Mesh:
-    """Return the mesh of a body, where it is stored [m]."""
-    return Mesh(body.vertices, body.faces, name=body.name, source=str(body.result.path))
-
-
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
     """Make the scene that a result holds, with these of its hands and its first `most` ticks, by default all.
 
@@ -203,8 +198,7 @@ def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
 
 def _scene_body(body: StoredBody, rows: slice) -> Body:
     """Return a body of a result as one of a scene."""
-    mesh, tree = stored_mesh(body), sphere_tree_of(body.static, "tree")
-    place, own = body.place, body.properties
+    mesh, tree, place, own = body.mesh, body.tree, body.place, body.properties
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
     motion: BodyMotion = Fixed()
     if body.is_free:

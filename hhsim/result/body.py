@@ -1,4 +1,4 @@
-"""Bodies of a result: what hands touch, each fixed, driven or free, and the contacts of the first one.
+"""Hands and bodies of a result: models, what hands touch, fixed, driven or free, and the contacts of the first one.
 
 /contact is one table for all pairs; here is what touches the first body as one hand counts, too.
 """
@@ -12,11 +12,40 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK
+from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK, TREE_ARRAYS
+from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.result.reader import Result
+
+HAND_ARRAYS = {
+    **{name: name for name in ("base", "distal", "dorsal")},
+    **{name: f"phalanx_{name}" for name in ("length", "radius")},
+    **{name: name for name in ("flexion_min", "flexion_max", "abduction_min", "abduction_max")},
+}
+"""Fields of `HandModel`, and their datasets under `hands/NAME`."""
+
+
+def sphere_tree_of(arrays: Mapping[str, AnyArray], group: str) -> SphereTree:
+    """Return the sphere tree in the datasets of a group; InputError if they are no tree."""
+    return SphereTree(*(arrays[f"{group}/{name}"] for name in TREE_ARRAYS))
+
+
+def result_hand(result: "Result") -> HandModel:
+    """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it); InputError for no hand."""
+    arrays = {name.removeprefix("hand/"): array for name, array in result.static.items()}
+    sizes, surface = result.scene["hand"], (arrays["palm_mesh/vertices"], arrays["palm_mesh/faces"])
+    return HandModel(
+        side=sizes["side"],
+        hand_length=sizes["length"],
+        hand_breadth=sizes["breadth"],
+        palm_mesh=Mesh(*surface, name="palm", source=str(result.path)),
+        palm_tree=sphere_tree_of(arrays, "palm_tree"),
+        **{name: np.array(arrays[stored]) for name, stored in HAND_ARRAYS.items()},
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +101,16 @@ class Body:
     def faces(self) -> IntArray:
         """Triangles of its mesh."""
         return self.static["mesh/faces"]
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh where it is at `place` [m], world; MeshError for arrays of no mesh."""
+        return Mesh(self.vertices, self.faces, self.name, str(self.result.path))
+
+    @property
+    def tree(self) -> SphereTree:
+        """Sphere tree where it is at `place` [m], world; InputError for arrays of no tree."""
+        return sphere_tree_of(self.static, "tree")
 
     @property
     def place(self) -> ObjectMotion:
