@@ -67,7 +67,7 @@ class HandRun(HandRows):
         self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
     ) -> None:
         super().__init__(solver, hand, list(bodies))
-        scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
+        scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
         self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
         of_method: dict[str, Any] = {}
         if options.method not in METHODS:
@@ -80,21 +80,19 @@ class HandRun(HandRows):
             "motion": motion.name,
             "motion_source": motion.source,
             **of_method,
-            **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
+            **describe_scene(solver.seen, self.model, options, bodies),
         }
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._body, self._contacts = KeptColumns(), KeptColumns()
 
     def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
         """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
-        here = HandConfiguration.of(self.ticks).at(ticks)
-        haptic = {f"haptic/{name}": values for name, values in here._asdict().items()}
-        given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
-        made = self.rows(ticks, given, record)
+        given, haptic = self.ticks, HandConfiguration.of(self.ticks).at(ticks)
+        made = self.rows(ticks, given.time[ticks], given.input_seq[ticks], haptic, record)
         self._series.keep(made.seen)
         # What one body that goes as recorded has is its poses alone, which no figure needs.
         if self.solver.seen.free is not None:
-            self._body.keep(made.body)
+            self._body.keep(made.tables[f"{schema.BODIES}/{self._names[0]}/{schema.TICK}"])
             self._contacts.keep(made.contacts)
         return made.tables
 

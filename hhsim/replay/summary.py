@@ -287,19 +287,16 @@ def digits_with(deviation: float, digits: int) -> int:
     return min(max(digits, 1 - math.floor(math.log10(deviation))), digits + MORE_DIGITS)
 
 
-def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
-    """Return every figure that has noise, over at least two runs of the same replay, without undefined ones."""
-    found = []
+def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
+    """Return every figure that has noise, over at least two runs of the same replay, as plain values: SI, or %.
+
+    Undefined figures are left out.
+    """
+    times = {}
     for row in runs[-1].rows:
         values = [float(other.value) for run in runs for other in run.rows if other.name == row.name]
         if run_metrics()[row.name].noise > 0.0 and all(map(math.isfinite, values)):
-            found.append(RepeatedTime(row, mean(values), stdev(values)))
-    return found
-
-
-def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
-    """Return times over at least two runs of the same replay as plain values: SI, or % where defined so."""
-    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+            times[row.name] = {"mean": mean(values), "std": stdev(values)}
     return {"runs": len(runs), "times": times}
 
 
