@@ -6,7 +6,8 @@ of two such hands, and all beside a free object, are one program of both.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def replay_scene(
     command: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> ReplaySummary:
-    """Replay a scene of one hand (of two: `replay_two_hands`), write a result file, and return the table's figures.
+    """Replay a scene of one hand (of two: `Replay`), write a result file, and return the table's figures.
 
     An existing file is replaced when the new one is complete. `description` is further description as plain values,
     over the scene's own; `command` the command line for the file to record, empty in a program. `progress` is called
@@ -57,7 +58,7 @@ def replay_scene(
     """
     if not isinstance(options, SolverOptions):
         raise InputError(f"options: expected SolverOptions, found {options!r}")
-    return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress or silent)[0]
+    return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress)[0]
 
 
 class HandRun(HandRows):
@@ -104,30 +105,32 @@ class HandRun(HandRows):
 
 
 class Replay:
-    """Run of all hands of a scene, and its file; `description` as of `replay_scene`."""
+    """Run of all hands of a scene, and its file; arguments and errors are those of `replay_scene`."""
 
     def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None) -> None:
         scene, described = solver.scene, dict(description or {})
         self.solver, self.total = solver, scene.ticks.tick_count
-        self.together = solver.seen.free is not None
+        self._together = solver.seen.free is not None
         if len(scene.hands) > 1:
-            described[schema.HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
+            described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._models, self.graphic_distances = [run.model for run in self.runs], list[FloatArray]()
-        self.tick_durations = list[AnyArray]()
+        self._models, self._graphic_distances = [run.model for run in self.runs], list[FloatArray]()
+        self._tick_durations = list[AnyArray]()
 
-    def into(self, path: Path, command: Sequence[str], progress: Progress) -> tuple[ReplaySummary, ...]:
+    def into(
+        self, path: Path, command: Sequence[str] = (), progress: Progress | None = None
+    ) -> tuple[ReplaySummary, ...]:
         """Solve all ticks, write the file, and return the table of each hand."""
         with self.writer(path, command):
-            self.go(progress)
+            self.go(progress or silent)
             return self.finish()
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick; it measures the haptic hands."""
         scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
         haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
-        self.haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
+        self._haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
         frame = [
             replace(column, name=f"{schema.FRAME.partition('/')[2]}/{column.name}") for column in schema.POSE_COLUMNS
@@ -164,9 +167,9 @@ class Replay:
                 PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
                 for of in (tables[f"{schema.HANDS}/{run.model.side}/{schema.TICK}"] for run in self.runs)
             ]
-            self.graphic_distances.append(distance_of_hands(self._models, placed))
-            self.tick_durations.append(np.maximum(*(record.duration_total for record in records)))
-            between = self.haptic_distance[ticks], self.graphic_distances[-1]
+            self._graphic_distances.append(distance_of_hands(self._models, placed))
+            self._tick_durations.append(np.maximum(*(record.duration_total for record in records)))
+            between = self._haptic_distance[ticks], self._graphic_distances[-1]
             tables[schema.TICK] |= {
                 column.name: values for column, values in zip(schema.BETWEEN_COLUMNS, between, strict=True)
             }
@@ -181,65 +184,40 @@ class Replay:
             side: {name: value for name, value in of.items() if _is_of_hand(name)} for side, of in of_hands.items()
         }
         path = self._writer.finish(own, shared)
-        return tuple(replace(summary, path=path) for summary in summaries.values())
+        self.hands = tuple(replace(summary, path=path) for summary in summaries.values())
+        return self.hands
+
+    @cached_property
+    def of_both(self) -> dict[str, float]:
+        """Figures of two hands that have been run.
+
+        Times of a tick of both, side by side the longer one's [s], and least distances of the haptic and of the graphic
+        hands from each other [m], negative where one is in the other.
+        """
+        times = 1e-9 * np.concatenate(self._tick_durations)
+        p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
+        haptic, graphic = (float(np.min(of)) for of in (self._haptic_distance, np.concatenate(self._graphic_distances)))
+        return {"tick_p50": p50, "tick_p99": p99, "haptic_distance": haptic, "graphic_distance": graphic}
+
+    @property
+    def note(self) -> str:
+        """Sentence on two hands together."""
+        p50, p99, haptic, graphic = self.of_both.values()
+        how = "in one program" if self._together else "side by side"
+        met = f"; the haptic hands enter each other by {-1e3 * haptic:.2g} mm"
+        if self._keeps_apart:
+            met += f", the graphic ones by {1e3 * max(0.0, -graphic):.2g} mm"
+        return (
+            f"a tick of both hands, {how}: p50 {1e6 * p50:.3g} µs, p99 {1e6 * p99:.3g} µs; the graphic hands come "
+            f"within {1e3 * graphic:.3g} mm of each other{met if haptic < 0.0 else ''}"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the outcome of two hands as plain values, SI."""
+        hands = {side: one.to_json() for side, one in zip(SIDES, self.hands)}
+        return {"result": str(self.hands[0].path), "hands": hands, **self.of_both}
 
 
 def _is_of_hand(figure: str) -> bool:
     """Return True for a figure of one hand; the number of ticks and figures of bodies are of all hands."""
     return figure in run_metrics() and not run_metrics()[figure].of_body
-
-
-@dataclass(frozen=True)
-class TwoHandedReplay:
-    """Outcome of a replay of two hands."""
-
-    path: Path  # result file of both
-    hands: tuple[ReplaySummary, ReplaySummary]  # tables of the right and of the left hand
-    tick_p50: float  # time of a tick of both, side by side the longer one's [s]
-    tick_p99: float
-    haptic_distance: float  # least distance between the haptic hands [m], negative where one is in the other
-    graphic_distance: float  # the same between the graphic hands
-    together: bool = False  # True if both have one program, with a free object
-    keeps_apart: bool = False  # True if the graphic hands keep out of each other
-
-    @property
-    def note(self) -> str:
-        """Sentence on both hands together."""
-        nearest = f"{1e3 * self.graphic_distance:.3g} mm"
-        how = "in one program" if self.together else "side by side"
-        met = f"; the haptic hands enter each other by {-1e3 * self.haptic_distance:.2g} mm"
-        if self.keeps_apart:
-            met += f", the graphic ones by {1e3 * max(0.0, -self.graphic_distance):.2g} mm"
-        return (
-            f"a tick of both hands, {how}: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
-            f"the graphic hands come within {nearest} of each other{met if self.haptic_distance < 0.0 else ''}"
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values, SI."""
-        hands = {side: one.to_json() for side, one in zip(SIDES, self.hands)}
-        names = ("tick_p50", "tick_p99", "haptic_distance", "graphic_distance")
-        return {"result": str(self.path), "hands": hands, **{name: getattr(self, name) for name in names}}
-
-
-def replay_two_hands(
-    scene: Scene,
-    options: SolverOptions,
-    output_path: str | Path,
-    *,
-    command: Sequence[str] = (),
-    progress: Progress = silent,
-) -> TwoHandedReplay:
-    """Replay a scene of two hands.
-
-    Other arguments and errors are those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for a scene of
-    one hand.
-    """
-    if len(scene.hands) != len(SIDES):
-        raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
-    run = Replay(SceneSolver(scene, options))
-    right, left = run.into(Path(output_path), command, progress)
-    times = 1e-9 * np.concatenate(run.tick_durations)
-    p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-    haptic, graphic = (float(np.min(of)) for of in (run.haptic_distance, np.concatenate(run.graphic_distances)))
-    return TwoHandedReplay(Path(output_path), (right, left), p50, p99, haptic, graphic, run.together, run.keeps_apart)

@@ -419,7 +419,7 @@ def _tables(file: h5py.File, hands: Sequence[str], bodies: Sequence[str]) -> dic
     known = {column.name: column for column in schema.BODY_COLUMNS}
     tables: dict[str, Sequence[schema.Column]] = {}
     for name in hands:
-        tables[f"{schema.HANDS}/{name}/{schema.TICK}"] = schema.HAND_COLUMNS
+        tables[f"{schema.HANDS}/{name}/{schema.TICK}"] = schema.hand_columns()
         if schema.LIVE in file[schema.HANDS][name]:
             tables[f"{schema.HANDS}/{name}/{schema.LIVE_TICK}"] = schema.LIVE_TICK_COLUMNS
     tables[schema.TICK] = (schema.TIME,)

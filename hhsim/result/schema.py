@@ -164,8 +164,12 @@ TICK_COLUMNS = _columns("""
 """)
 """Datasets of a hand at the ticks: the time under /tick, the others under its own `tick`."""
 TIME = TICK_COLUMNS[0]
-HAND_COLUMNS = TICK_COLUMNS[1:]
-"""Those of a hand's own ticks: all but the time."""
+
+
+def hand_columns() -> tuple[Column, ...]:
+    """Return the columns of a hand's own ticks: all but the time."""
+    return TICK_COLUMNS[1:]
+
 
 BETWEEN_COLUMNS = _columns("""
     between/haptic  | - | f8 | m | least signed distance of the two haptic hands, negative inside
@@ -385,5 +389,5 @@ def _field(name: str) -> tuple[str, str, tuple[int, ...]]:
 
 def hand_tables(side: str, block: Mapping[str, NDArray[Any]]) -> dict[str, dict[str, NDArray[Any]]]:
     """Return columns of `TICK_COLUMNS` by the groups of a file that they are written to."""
-    of_hand = {column.name: block[column.name] for column in HAND_COLUMNS}
+    of_hand = {column.name: block[column.name] for column in hand_columns()}
     return {TICK: {TIME.name: block[TIME.name]}, f"{HANDS}/{side}/{TICK}": of_hand}

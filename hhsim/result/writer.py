@@ -83,7 +83,7 @@ class ResultWriter:
         self._tables = {schema.TICK: _Table((schema.TIME, *columns))}
         for name, hand in hands.items():
             group = f"{schema.HANDS}/{name}"
-            self._tables[f"{group}/{schema.TICK}"] = _Table(schema.HAND_COLUMNS)
+            self._tables[f"{group}/{schema.TICK}"] = _Table(schema.hand_columns())
             self._tables |= {f"{group}/{table}": _Table(of) for table, of in hand.tables.items()}
         for name, body in bodies.items():
             if body.columns:

@@ -125,7 +125,7 @@ def schema_claim(result: Result) -> Claim:
     for side in SIDES:
         groups = {
             "": schema.HAND_STATIC,
-            "tick/": schema.HAND_COLUMNS,
+            "tick/": schema.hand_columns(),
             "skin/": schema.SKIN_COLUMNS,
             f"{schema.LIVE_TICK}/": schema.LIVE_TICK_COLUMNS,
             f"{schema.LIVE_SAMPLE}/": schema.sample_columns(0),

@@ -15,7 +15,7 @@ from sampled import sampled
 from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
-from hhsim.result.schema import HAND_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS, hand_columns
 
 pytestmark = pytest.mark.slow
 MAIN = "from hhsim.cli.main import main; main()"
@@ -164,7 +164,7 @@ def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
 def has_ticks(path: Path) -> bool:
     try:
         with h5py.File(path, "r", locking=False) as file:
-            return all(len(file["hands/right/tick"][column.name]) > 0 for column in HAND_COLUMNS)
+            return all(len(file["hands/right/tick"][column.name]) > 0 for column in hand_columns())
     except (OSError, KeyError):
         return False
 

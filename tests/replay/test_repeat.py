@@ -17,7 +17,7 @@ from hhsim.replay.repeat import COMPARED, DIFFERENT, WITHIN, run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import load_result
-from hhsim.result.schema import HAND_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import TICK_COLUMNS, hand_columns
 from hhsim.scene.scene import make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.options import SolverOptions, Stiffness
@@ -176,7 +176,7 @@ def test_a_run_that_was_stopped_is_run_as_far_as_it_goes(copy: Path) -> None:
     with h5py.File(copy, "r+") as file:
         file.attrs["complete"] = 0
         file["tick/time"].resize(177, axis=0)
-        for column in HAND_COLUMNS:
+        for column in hand_columns():
             file["hands/left/tick"][column.name].resize(177, axis=0)
     again = run_again(load_result(copy))
     assert again.identical

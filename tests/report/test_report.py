@@ -29,7 +29,7 @@ from hhsim.replay.verdict import checked_figures, read_ticks
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import CHARTS, check_report_path, make_report, write_report
 from hhsim.result.reader import load_result
-from hhsim.result.schema import HAND_COLUMNS
+from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
 
@@ -306,7 +306,7 @@ def emptied(file: h5py.File, ticks: int) -> None:
     for name in list(file["summary/right"].attrs):
         del file["summary/right"].attrs[name]
     file["tick/time"].resize(ticks, axis=0)
-    for column in HAND_COLUMNS:
+    for column in hand_columns():
         file[f"hands/right/tick/{column.name}"].resize(ticks, axis=0)
 
 

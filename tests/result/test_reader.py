@@ -26,7 +26,6 @@ from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.result.schema import (
     BODY_STATIC,
     EVENT_COLUMNS,
-    HAND_COLUMNS,
     HAND_STATIC,
     LIVE_EVENT,
     LIVE_SAMPLE,
@@ -35,6 +34,7 @@ from hhsim.result.schema import (
     SCHEMA_VERSION,
     TICK_COLUMNS,
     Column,
+    hand_columns,
     hand_tables,
     sample_columns,
 )
@@ -116,10 +116,10 @@ def test_a_tick_takes_as_much_as_the_page_says(tmp_path: Path, repository: Path)
 def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     path = write(tmp_path / "run.h5", [block(3)])
     with h5py.File(path, "r") as file:
-        datasets = sum(isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in HAND_COLUMNS)
+        datasets = sum(isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in hand_columns())
         attributes = set(file.attrs)
     assert bare_datasets(path) == []
-    assert datasets == len(HAND_COLUMNS)
+    assert datasets == len(hand_columns())
     assert attributes == {
         *("format", "schema_version", "hhsim_version", "git_revision", "git_dirty", "created_utc", "machine"),
         *("packages", "scene", "command", "complete"),
@@ -224,7 +224,7 @@ def test_an_interrupt_within_a_block_leaves_whole_ticks_only(
     monkeypatch.undo()
     assert load_result(path).ticks == 30
     with h5py.File(path, "r") as file:
-        assert {len(file["hands/right/tick"][column.name]) for column in HAND_COLUMNS} == {30}
+        assert {len(file["hands/right/tick"][column.name]) for column in hand_columns()} == {30}
 
 
 def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) -> None:
