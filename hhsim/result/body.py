@@ -3,7 +3,6 @@
 /contact is one table for all pairs; here is what touches the first body as one hand counts, too.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -174,11 +173,3 @@ class Contacts:
         table, own = HAND_BODIES * len(hands), HAND_BODIES * hands.index(result.name)
         a, b = (np.asarray(result[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
         return np.where(a < table, (a - own) % table, table - 1 - b)
-
-
-def known_pairs(names: str, a: IntArray, b: IntArray, hands: Sequence[str], bodies: Sequence[str]) -> bool:
-    """Return True if the codes of contacts are pairs of the first body with a hand, the table or another body."""
-    table = HAND_BODIES * len(hands)
-    of_hand = (a >= 0) & (a < table) & (b == table + 1)
-    of_body = (a == table + 1) & (b >= table) & (b != table + 1) & (b <= table + len(bodies))
-    return json.loads(names) == contact_names(hands, bodies) and bool((of_hand | of_body).all())

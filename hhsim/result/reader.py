@@ -17,7 +17,7 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.model import SIDES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
-from hhsim.result.body import Body, Contacts, known_pairs
+from hhsim.result.body import Body, Contacts, contact_names
 from hhsim.result.labelled import as_dataset, coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
@@ -26,9 +26,6 @@ from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     import xarray
-
-TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
-"""Kind of transformation (`Column.turns`) by dataset."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -52,7 +49,9 @@ def transformed(name: str, values: AnyArray, moved: RigidMotion, *, seen: bool) 
 
     If they are to be `seen`, from the world to that frame.
     """
-    kind = TURNS.get(name)
+    group, _, part = name.partition("/")
+    points = {"position": "point", "joints": "point", "orientation": "orientation"}
+    kind = "vector" if group == "force" else points.get(part) if group in ("haptic", "graphic") else None
     if kind is None:
         return values
     whole = values if kind == "orientation" else values.reshape(*values.shape[:-1], -1, 3)
@@ -91,7 +90,6 @@ class Result:
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
     from_object: bool = False  # True if hands and forces are in that frame as it was at the first tick, not the world
-    replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -196,10 +194,8 @@ class Result:
 
     def _rows(self, file: h5py.File, name: str, rows: slice) -> AnyArray:
         """Read rows of a dataset with a row a tick, as seen from the object if that is asked for."""
-        if name in self.replaced:
-            return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
-        if not self.from_object or name not in TURNS:
+        if not self.from_object:
             return values
         return transformed(name, values, self._poses(file, self.frame, rows).since(*self._first), seen=True)
 
@@ -283,7 +279,11 @@ class Result:
         if table.name != f"/{schema.CONTACT}":
             return min(len(column) for column in table.values())
         ticks, a, b = (np.asarray(table[name], np.int64) for name in ("tick", "a", "b"))
-        known = known_pairs(str(table.attrs["names"]), a, b, list(self.hands), list(self.bodies))
+        ground, codes = schema.HAND_BODIES * len(self.hands), contact_names(list(self.hands), list(self.bodies))
+        # The first body with a hand, the table or another body.
+        of_hand = (a >= 0) & (a < ground) & (b == ground + 1)
+        of_body = (a == ground + 1) & (b >= ground) & (b != ground + 1) & (b < len(codes))
+        known = json.loads(str(table.attrs["names"])) == codes and bool((of_hand | of_body).all())
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or not known:
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
