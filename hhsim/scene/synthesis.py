@@ -16,7 +16,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
 from hhsim.motion.trajectory import ObjectMotion, Phase, RigidMotion, Trajectory
 from hhsim.reproducible import sine_and_cosine
 from hhsim.scene.closure_search import OtherHand, level, plan_finger_closure
-from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
+from hhsim.scene.finger_closure import Closer, FingerClosure, find_placement
 from hhsim.scene.script import DEFAULT_FINGERS, TAKE_ALONG, Placement, Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -172,7 +172,7 @@ def planned(
         placement = find_placement(script, hand, tree)
     if placement is None:
         return plan_finger_closure(script, hand, tree, other)
-    closure = PlacedCloser(script, hand, tree).close(placement)
+    closure = Closer(script, hand, tree).close(placement)
     closure.require_touch(script, "the object from its place")
     return closure
 
