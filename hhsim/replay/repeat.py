@@ -202,7 +202,7 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
             # Bodies and contacts are those of the first hand.
             for of, block, user, record in reversed([*zip(rows, given, haptic, records, strict=True)]):
                 stored[f"{schema.HANDS}/{of.model.side}/{schema.TICK}"] = block
-                computed |= of.rows(ticks, block["time"], block["input_seq"], user, record).tables
+                computed |= of.rows(ticks, block["time"], block["input_seq"], user, record)[1]
             for group, compared in arrays.items():
                 if group == schema.CONTACT:
                     _compare_contacts(result, ticks, computed[group], compared)

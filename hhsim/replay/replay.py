@@ -20,18 +20,14 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import SIDES
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.metrics.run.registry import needed_columns, run_metrics
-from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.stored_scene import body_parts, hand_arrays
+from hhsim.replay.summary import HandRun, ReplaySummary
 from hhsim.result import schema
-from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import keeps_hands_apart
-from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.deferred_sigint import interruptible_between
@@ -59,49 +55,6 @@ def replay_scene(
     if not isinstance(options, SolverOptions):
         raise InputError(f"options: expected SolverOptions, found {options!r}")
     return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress)[0]
-
-
-class HandRun(HandRows):
-    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
-
-    def __init__(
-        self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
-    ) -> None:
-        super().__init__(solver, hand, list(bodies))
-        scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
-        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
-        of_method: dict[str, Any] = {}
-        if options.method not in METHODS:
-            of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
-            of_method |= {"method_source": method.source} if method.source else {}
-        self.described = {
-            **scene.description,
-            **described,
-            "rate": scene.ticks.rate,
-            "motion": motion.name,
-            "motion_source": motion.source,
-            **of_method,
-            **describe_scene(solver.seen, self.model, options, bodies),
-        }
-        self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        self._body, self._contacts = KeptColumns(), KeptColumns()
-
-    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
-        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
-        given, haptic = self.ticks, HandConfiguration.of(self.ticks).at(ticks)
-        made = self.rows(ticks, given.time[ticks], given.input_seq[ticks], haptic, record)
-        self._series.keep(made.seen)
-        # What one body that goes as recorded has is its poses alone, which no figure needs.
-        if self.solver.seen.free is not None:
-            self._body.keep(made.tables[f"{schema.BODIES}/{self._names[0]}/{schema.TICK}"])
-            self._contacts.keep(made.contacts)
-        return made.tables
-
-    def summary(self) -> ReplaySummary:
-        """Compute the table."""
-        shown, apart = of_the_paper(self.described), bool(self.described.get(schema.HANDS_APART))
-        kept = self._series, self._body, self._contacts
-        return summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
 
 
 class Replay:

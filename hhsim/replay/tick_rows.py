@@ -4,7 +4,7 @@ They are the solver's record, and what is measured from it apart from the solver
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -112,14 +112,6 @@ class TickColumns:
         return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
-class TickRows(NamedTuple):
-    """Rows of some ticks, as one hand of a scene has them."""
-
-    seen: Columns  # of the hand, in the engine's frame
-    contacts: Columns  # of the first free body, as the hand counts bodies
-    tables: dict[str, Columns]  # of the file by their groups, world
-
-
 class HandRows:
     """Makes the rows of one of a scene's hands, and of the bodies, block after block."""
 
@@ -135,23 +127,26 @@ class HandRows:
 
     def rows(
         self, ticks: slice, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
-    ) -> TickRows:
-        """Return the rows of ticks that were solved last; arguments as of `TickColumns.block`."""
+    ) -> tuple[Columns, dict[str, Columns]]:
+        """Return the rows of ticks that were solved last; arguments as of `TickColumns.block`.
+
+        Those of the hand are in the engine's frame; the tables of the file by their groups in the world.
+        """
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = self.solver.object_ticks(self.hand)
+            free = self.solver.object_ticks()
             moved = RigidMotion(free.turn, free.shift)
-            own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
+            own = free_columns(free, *seen.place)
+            contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))
         elif seen.carrier is not None:
             own = seen.carrier.at(ticks)._asdict()
         of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
         hand, shown = self._columns.block(ticks, time, input_seq, haptic, record, moved)
         tables = schema.hand_tables(self.model.side, shown)
         tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})
-        counted = stored_contacts(contacts, len(self.solver.scene.hands))
-        return TickRows(hand, contacts, {**tables, **of_bodies, schema.CONTACT: counted})
+        return hand, {**tables, **of_bodies, schema.CONTACT: contacts}
 
 
 def body_rows(
@@ -195,21 +190,12 @@ def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArra
     return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
 
 
-def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
-    """Return the contacts of a block of ticks of a free body, as a hand counts bodies; `first` numbers the ticks."""
+def contact_rows(ticks: "ObjectRecord", first: int, hands: int) -> Columns:
+    """Return the rows of /contact of a block of ticks of a free body beside some hands; `first` numbers the ticks."""
     from hhsim.kernels.world.record import STICKS
 
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}
     tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))
     taken = {column.name: column.taken(fields) for column in schema.CONTACT_COLUMNS if column.source}
-    return {"tick": tick, "body": fields["body"], **taken, "sticks": fields["slip"] <= STICKS}
-
-
-def stored_contacts(contacts: Columns, hands: int) -> Columns:
-    """Return the rows of /contact for contacts as the first of some hands counts them."""
-    if not contacts:
-        return {}
-    return {"tick": contacts["tick"], **pair_codes(contacts["body"], hands)} | {
-        column.name: contacts[column.name] for column in schema.CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
-    }
+    return {"tick": tick, **pair_codes(fields["body"], hands), **taken, "sticks": fields["slip"] <= STICKS}

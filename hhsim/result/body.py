@@ -159,17 +159,14 @@ class Contacts:
     """Columns of /contact by name; `body` is what touches the first body, as one hand counts.
 
     0 to 14 are its phalanges, finger by finger, 15 its palm, 16 to 31 those of the other hand; -1 is the table, -2 - k
-    the body of number k.
+    the body of number k. `columns` has the datasets by their paths, for a hand by its number of `hands`.
     """
 
-    def __init__(self, result: "Result") -> None:
-        self._result = result
+    def __init__(self, columns: Any, hands: int, hand: int) -> None:
+        self._columns, self._table, self._own = columns, HAND_BODIES * hands, HAND_BODIES * hand
 
     def __getitem__(self, name: str) -> AnyArray:
-        result = self._result
         if name != "body":
-            return result[f"{CONTACT}/{name}"]
-        hands = list(result.hands)
-        table, own = HAND_BODIES * len(hands), HAND_BODIES * hands.index(result.name)
-        a, b = (np.asarray(result[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
-        return np.where(a < table, (a - own) % table, table - 1 - b)
+            return np.asarray(self._columns[f"{CONTACT}/{name}"])
+        a, b = (np.asarray(self._columns[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
+        return np.where(a < self._table, (a - self._own) % self._table, self._table - 1 - b)

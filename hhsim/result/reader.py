@@ -151,7 +151,7 @@ class Result:
     @cached_property
     def contacts(self) -> Contacts:
         """Contacts of the first body as this hand counts them."""
-        return Contacts(self)
+        return Contacts(self, len(self.hands), list(self.hands).index(self.name) if self.name else 0)
 
     @cached_property
     def seen_from_object(self) -> "Result":

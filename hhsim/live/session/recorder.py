@@ -37,7 +37,7 @@ from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns, stored_contacts
+from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
@@ -121,7 +121,7 @@ class SessionColumns:
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return stored_contacts(contact_rows(bodies_ticks(records)[0], first), self._hands) if self._is_free else {}
+        return contact_rows(bodies_ticks(records)[0], first, self._hands) if self._is_free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
