@@ -230,10 +230,9 @@ def _arrays(result: Result, shown: Sequence[Result]) -> dict[str, list[ArrayComp
     """Return the datasets that a second run gives by their groups: of hands, and of bodies if one is free."""
     tables: dict[str, Sequence[schema.Column]] = {}
     if any(body.is_free for body in result.bodies.values()):
-        given = {column.name for column in schema.DRIVEN_COLUMNS}
         for body in result.bodies.values():
-            has = [column for column in schema.BODY_COLUMNS if column.name in body and column.name not in given]
-            tables[f"{body.group}/{schema.TICK}"] = has
+            made = [column for column in body.columns if column not in schema.DRIVEN_COLUMNS]
+            tables[f"{body.group}/{schema.TICK}"] = made
         tables[schema.CONTACT] = schema.CONTACT_COLUMNS
     arrays: dict[str, list[ArrayComparison]] = {}
     for hand in shown:

@@ -76,7 +76,7 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
             **{f"tree/{each}": getattr(tree, each) for each in schema.TREE_ARRAYS},
             **{each: np.array(values, dtype=np.float64) for each, values in place._asdict().items()},
         }
-        found[name] = StoredBody(kind, arrays, tuple(column.name for column in columns), properties)
+        found[name] = StoredBody(kind, arrays, tuple(columns), properties)
     return found
 
 

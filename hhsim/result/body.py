@@ -14,7 +14,7 @@ from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK, TREE_ARRAYS
+from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK, TREE_ARRAYS, Column
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Body:
 
     kind: str  # fixed, driven (as recorded) or free (by the forces on it)
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
-    columns: tuple[str, ...] = ()  # names of the datasets of its ticks, of `BODY_COLUMNS`; none where it stands still
+    columns: tuple[Column, ...] = ()  # of its ticks, of `BODY_COLUMNS`; none where it stands still
     # Mass, friction and so on in a scene with a free body; else its joint, if any.
     properties: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""  # of one that was read
@@ -69,7 +69,7 @@ class Body:
         return self.result[f"{BODIES}/{self.name}/{TICK}/{name}"]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.columns
+        return any(column.name == name for column in self.columns)
 
     @property
     def group(self) -> str:
@@ -89,7 +89,7 @@ class Body:
     @property
     def moves(self) -> bool:
         """True if it has a pose at each tick."""
-        return "position" in self.columns
+        return bool(self.columns)
 
     @property
     def vertices(self) -> FloatArray:

@@ -108,8 +108,7 @@ def tick_columns(result: "Result") -> dict[str, Column]:
     if result.live is not None:
         known |= _prefixed(schema.LIVE_TICK, schema.LIVE_TICK_COLUMNS)
     for body in result.bodies.values():
-        of_body = (column for column in schema.BODY_COLUMNS if column.name in body)
-        known |= _prefixed(f"{body.group}/{schema.TICK}", of_body)
+        known |= _prefixed(f"{body.group}/{schema.TICK}", body.columns)
     return known
 
 

@@ -396,11 +396,11 @@ def load_result(path: str | Path) -> Result:
         for body in named:
             group = file[schema.BODIES][body]
             kind, properties = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
-            own = tuple(group.get(schema.TICK, ()))
-            kinds = ("fixed", "free") if "velocity" in own else ("fixed", "driven")
-            if kind not in (("driven",) if "recorded_position" in own else kinds):
-                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
+            own = tuple(column for column in schema.BODY_COLUMNS if column.name in group.get(schema.TICK, ()))
             bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
+            kinds = ("fixed", "free") if "velocity" in bodies[body] else ("fixed", "driven")
+            if kind not in (("driven",) if "recorded_position" in bodies[body] else kinds):
+                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
         return found
 
 
