@@ -20,6 +20,7 @@ from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, OF_BODIES, names_a_body_fil
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import held_rows, placed_mesh
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.scene.body import (
@@ -29,7 +30,6 @@ from hhsim.scene.body import (
     BodyFile,
     BodyMotion,
     BodySettings,
-    Drive,
     Driven,
     Fixed,
     Free,
@@ -63,7 +63,8 @@ class DeclaredBodies:
     settings: tuple[BodySettings, ...]  # with the motions of joints read
     meshes: Mapping[str, Mesh]  # of each body but a plane, by its name
     trees: Mapping[str, SphereTree] = field(default_factory=dict)
-    drives: Mapping[str, Drive] = field(default_factory=dict)  # of the bodies that go by their poses
+    # Stamps [s] and poses of the bodies that go by those of a file, as `PoseFile.read`.
+    drives: Mapping[str, tuple[FloatArray, ObjectMotion]] = field(default_factory=dict)
     level: int = MESH_LEVEL  # usual one of a tree
     began: float = 0.0  # time [s] of the motions at the first tick
 
@@ -141,12 +142,17 @@ class DeclaredBodies:
 
     def _relative(self, body: BodySettings, time: FloatArray) -> ObjectMotion:
         """Return the poses of a body in the frame of the one that bears it, or of the file."""
-        if body.name in self.drives:
-            return self.drives[body.name](time)
         place, joint = np.array(body.position), body.joint
         if joint is not None and (joint.is_driven or joint.start):
             return joint.poses(place, body.turn, joint.values(time))
-        return ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
+        still = ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
+        if body.name not in self.drives:
+            return still
+        # Before the first pose and after the last one it stands.
+        stamps, poses = self.drives[body.name]
+        at = np.clip(time, stamps[0], stamps[-1])
+        turns = interpolate_orientation(stamps, poses.orientation, at)
+        return composed(still, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
 
     @cached_property
     def _begin(self) -> dict[str, ObjectMotion]:
@@ -282,7 +288,7 @@ def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodi
                 joints[name] = joints[name].moved(keyframes)
         settings = BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
-        drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
+        drives = {body.name: body.poses.read(path.parent) for body in settings if body.poses}
     return DeclaredBodies(path.stem, settings, meshes, drives=drives)
 
 
