@@ -90,6 +90,7 @@ class Result:
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
     from_object: bool = False  # True if hands and forces are in that frame as it was at the first tick, not the world
+    replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -194,6 +195,8 @@ class Result:
 
     def _rows(self, file: h5py.File, name: str, rows: slice) -> AnyArray:
         """Read rows of a dataset with a row a tick, as seen from the object if that is asked for."""
+        if name in self.replaced:
+            return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
         if not self.from_object:
             return values

@@ -89,7 +89,7 @@ class DeclaredBodies:
     @cached_property
     def mesh(self) -> Mesh:
         """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
-        held = [(self.meshes[body.name], self._begin[body.name]) for body in self.object_bodies]
+        held = [(self.meshes[body.name], self.begin[body.name]) for body in self.object_bodies]
         if len(held) > 1:
             return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
         ((mesh, pose),) = held
@@ -98,7 +98,7 @@ class DeclaredBodies:
     @cached_property
     def tree(self) -> SphereTree:
         """Sphere tree of the object, over the leaves of all of it, where it begins in the frame of the file [m]."""
-        held = [(self.trees[body.name], self._begin[body.name]) for body in self.object_bodies]
+        held = [(self.trees[body.name], self.begin[body.name]) for body in self.object_bodies]
         about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solids) > 1 else {}
         if len(held) == 1:
             ((tree, pose),) = held
@@ -155,7 +155,8 @@ class DeclaredBodies:
         return composed(still, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
 
     @cached_property
-    def _begin(self) -> dict[str, ObjectMotion]:
+    def begin(self) -> dict[str, ObjectMotion]:
+        """Poses at the first tick, as of `path`."""
         return self.path(np.zeros(1))
 
     def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
@@ -170,16 +171,12 @@ class DeclaredBodies:
         steps = (len(time), 1)
         frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
         path = self.path(time)
-        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
+        # A body whose frame is the file's goes as the recording has it, without rounding.
+        poses = {name: carrier or frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
         if carrier is not None:
             along = carrier.since(carrier.position[0], carrier.orientation[0])
-            # A body whose frame is the file's goes as the recording has it, without rounding.
-            poses = {
-                name: carrier
-                if _is_still(path[name])
-                else ObjectMotion(along.points(own.position), along.orientations(own.orientation))
-                for name, own in poses.items()
-            }
+            moved = ObjectMotion(along.shift, along.turn)
+            poses |= {name: composed(moved, poses[name]) for name, own in path.items() if not _is_still(own)}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solids:
             driven: BodyMotion = Fixed()
@@ -260,8 +257,7 @@ def _is_still(poses: ObjectMotion) -> bool:
 
 def _require_apart(bodies: DeclaredBodies) -> None:
     """Raise InputError for bodies that begin inside each other."""
-    begin = bodies.path(np.zeros(1))
-    solids = {name: Solid(mesh.transformed(*_place(begin[name]))) for name, mesh in bodies.meshes.items()}
+    solids = {name: Solid(mesh.transformed(*_place(bodies.begin[name]))) for name, mesh in bodies.meshes.items()}
     joined = {frozenset((body.name, body.bearer)) for body in bodies.solids if body.bearer}
     for (one, solid), (other, its) in combinations(solids.items(), 2):
         hinged = frozenset((one, other)) in joined
