@@ -30,7 +30,8 @@ HAND_ARRAYS = {
 
 def sphere_tree_of(arrays: Mapping[str, AnyArray], group: str) -> SphereTree:
     """Return the sphere tree in the datasets of a group; InputError if they are no tree."""
-    return SphereTree(*(arrays[f"{group}/{name}"] for name in TREE_ARRAYS))
+    center, radius, level, parent = (arrays[f"{group}/{name}"] for name in TREE_ARRAYS)
+    return SphereTree(center, radius, level, parent)
 
 
 def result_hand(result: "Result") -> HandModel:
