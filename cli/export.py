@@ -37,7 +37,7 @@ def command(
       hhsim export session.h5 told.csv --columns live/tick/latency,live/tick/command_stiffness
       hhsim export grasp.h5 everything.csv --columns all
     """
-    from hhsim.result.csv_export import export_ticks
+    from hhsim.result.labelled import export_ticks
     from hhsim.result.reader import load_hand
 
     loaded = load_hand(result, side or "")

@@ -189,13 +189,14 @@ def command(
     """
     if scene_options.names_a_result(object_):
         return _run_again(Path(object_), output)
-    from hhsim.replay.replay import replay_scene, replay_two_hands
-    from hhsim.replay.summary import repeated_document, repeated_times
+    from hhsim.replay.replay import Replay, replay_scene
+    from hhsim.replay.summary import repeated_document, stored_times
     from hhsim.result.reader import check_result_path
     from hhsim.result.writer import add_document
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.free_object import require_free
+    from hhsim.solver.scene_solver import SceneSolver
 
     if moving.side == "both" and output.repeat > 1:
         raise click.UsageError("--repeat is of one hand")
@@ -217,8 +218,8 @@ def command(
         runs: list[ReplaySummary] = []
         hands: dict[str, ReplaySummary] = {}
         if len(scene.hands) > 1:
-            both = replay_two_hands(scene, solver_options, output_path, **about)
-            hands.update(zip(options.HANDS, both.hands))
+            both = Replay(SceneSolver(scene, solver_options))
+            hands.update(zip(options.HANDS, both.into(output_path, **about)))
             document = both.to_json()
             remarks.append(both.note)
         else:
@@ -238,7 +239,8 @@ def command(
     if output.quiet and not output.as_json:
         print_notes(stuck, prefix="missed")
     columns = words("", "row.label"), number("mean ± σ", "shown"), words("unit", "row.unit")
-    times = [Table(columns, repeated_times(runs), f"times of {len(runs)} runs")] if output.repeat > 1 else []
+    repeated = stored_times(document["repeated"], runs[-1].rows) if output.repeat > 1 else []
+    times = [Table(columns, repeated, f"times of {len(runs)} runs")] if output.repeat > 1 else []
     of_hands = [note for summary in hands.values() for note in summary.notes]
     told = dict.fromkeys(note for note in (*remarks, *notes, *of_hands) if note not in bodies.mesh.warnings)
     output.show(

@@ -19,7 +19,6 @@ from short_grasp import short_grasp, short_scene
 from hhsim import HandConfiguration, MethodScene, SolverOptions, load_result, replay_scene
 from hhsim.hand.model import Side
 from hhsim.replay.conformance import NOTE, OK, check_method
-from hhsim.replay.stored_scene import stored_mesh
 from hhsim.trees.file import load_tree
 
 RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
@@ -172,7 +171,7 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
     assert "proved and checked: each level covers the whole mesh" in answer.stdout
     result, tree = load_result(folder / "pawn.h5"), load_tree(folder / "pawn-tree.h5")
     # The pawn is 69 mm high, and has the spheres that were built for it.
-    assert stored_mesh(result.body).extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
+    assert result.body.mesh.extent == pytest.approx([0.044, 0.044, 0.069], abs=1e-5)
     assert result.scene["object_spheres"] == tree.leaf_count
     assert [phase.name for phase in result.phases] == ["approach", "pinch", "hold", "slide", "release"]
     assert result["penetration_depth"].max() == 0.0

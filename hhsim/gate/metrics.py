@@ -143,7 +143,7 @@ def _not_finite(result: Result) -> str:
     """Return in words which datasets hold what is no number, though a run's are finite; "" for none."""
     tables: dict[str, Mapping[str, AnyArray]] = {"": {name: result[name] for name in _known_columns(result)}}
     for body in result.bodies.values():
-        tables[f"{body.group}/"] = {name: body[name] for name in body.columns}
+        tables[f"{body.group}/"] = {column.name: body[column.name] for column in body.columns}
     if result.body.is_free:
         tables["contact/"] = {column.name: result[f"contact/{column.name}"] for column in CONTACT_COLUMNS}
     wrong = [

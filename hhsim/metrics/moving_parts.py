@@ -20,7 +20,6 @@ from hhsim.metrics.metrics import Penetration, penetration
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.result.reader import Result
 from hhsim.result.schema import DRIVEN_COLUMNS
-from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -166,9 +165,10 @@ def bodies_mesh(result: Result) -> Mesh:
     """Return the meshes of a result's bodies as one, where they are at the first tick, world."""
     bodies = list(result.bodies.values())
     if len(bodies) == 1:
-        return Mesh(bodies[0].vertices, bodies[0].faces, name=bodies[0].name, source=str(result.path))
-    meshes = [Mesh(body.vertices, body.faces, body.name) for body in bodies]
-    return placed_mesh(meshes, [body.moved(slice(1)) for body in bodies], str(result.scene["object_name"]))
+        return bodies[0].mesh
+    return placed_mesh(
+        [body.mesh for body in bodies], [body.moved(slice(1)) for body in bodies], str(result.scene["object_name"])
+    )
 
 
 def held_rows(values: FloatArray) -> IntArray:
@@ -183,9 +183,8 @@ def result_parts(result: Result) -> MovingParts | None:
     """Return the bodies of a result that has several; None for one. InputError for arrays of no tree."""
     if len(result.bodies) == 1:
         return None
-    bodies, source = list(result.bodies.values()), str(result.path)
-    meshes = tuple(Mesh(body.vertices, body.faces, body.name, source) for body in bodies)
-    trees = tuple(sphere_tree_of(body.static, "tree") for body in bodies)
+    bodies = list(result.bodies.values())
+    meshes, trees = tuple(body.mesh for body in bodies), tuple(body.tree for body in bodies)
     joints = {body.name: body["joint"] for body in bodies if "joint" in body}
     driven = {
         body.name: RigidMotion(*(np.asarray(body[column.name]) for column in DRIVEN_COLUMNS))

@@ -16,15 +16,13 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.input_hand import InputHand
 from hhsim.metrics.metrics import posture_jump
 from hhsim.metrics.moving_parts import TouchedObject, result_parts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase
-from hhsim.result.body import ON_TABLE
+from hhsim.result.body import ON_TABLE, result_hand
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
-from hhsim.result.stored_hand import result_hand, sphere_tree_of
 from hhsim.trees.contact_surface import contact_surface
 
 PALM = 15
@@ -243,13 +241,11 @@ def result_ticks(result: Result, columns: Datasets | None = None) -> RunTicks:
 def touched_object(result: Result) -> TouchedObject:
     """Return the object of a result, or a body's parts, as the hand touched it; InputError for invalid arrays."""
     static, parts, first = result.static, result_parts(result), result.body
-    mesh = Mesh(first.vertices, first.faces)
-    tree = sphere_tree_of(first.static, "tree")
-    surface = contact_surface(result.surface, mesh, tree).arrays if parts is None else None
+    surface = contact_surface(result.surface, first.mesh, first.tree).arrays if parts is None else None
     shape = HandShape(*(static[f"hand/{name}"] for name in HandShape._fields))
     fingers = np.array([finger in result.fingers for finger in FINGERS])
     touch = float(result.scene["solver"]["touch"])
-    return TouchedObject(mesh, surface, shape, fingers, touch, parts, result.surface)
+    return TouchedObject(first.mesh, surface, shape, fingers, touch, parts, result.surface)
 
 
 def ticks_alone(result: Result, columns: Datasets | None = None) -> RunTicks:

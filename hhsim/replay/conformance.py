@@ -64,40 +64,30 @@ def check_method(name: str) -> Iterator[Finding]:
     yield Finding("run", OK, f"{counted(ticks, 'tick')}, each a hand of the right shapes, finite, its quaternion unit")
     pairs = zip(HandConfiguration.of(record), HandConfiguration.of(again))
     differ = np.any([(one != other).reshape(ticks, -1).any(axis=1) for one, other in pairs], axis=0)
-    if differ.any():
-        begun = f"a second run differs from tick {int(np.argmax(differ)):,} on"
-        yield Finding("repeatable", NOTE, f"{begun}: its results cannot be run again bit for bit")
-    else:
-        yield Finding("repeatable", OK, "a second run gives the same hands, bit for bit")
+    begun = f"a second run differs from tick {int(np.argmax(differ)):,} on"
+    says = f"{begun}: its results cannot be run again bit for bit" if differ.any() else ""
+    yield _judged("repeatable", "a second run gives the same hands, bit for bit", says)
     near = record.work[:, WORK_CANDIDATES] > 0
     yield _follows(record.position[~near], haptic.position[~near])
     shown = HandConfiguration.of(record).flexion
     beyond = float(np.maximum(hand.flexion_min - shown, shown - hand.flexion_max).max())
-    if beyond <= 1e-6:
-        yield Finding("joint limits", OK, "no joint is beyond its limit")
-    elif float(np.abs(shown).max()) > np.pi:
-        yield Finding("joint limits", WRONG, "joints bend by more than half a turn: degrees?")
-    else:
-        yield Finding("joint limits", NOTE, f"a joint is {beyond:.3g} rad beyond its limit")
+    says = f"a joint is {beyond:.3g} rad beyond its limit" if beyond > 1e-6 else ""
+    if is_far := bool(says) and float(np.abs(shown).max()) > np.pi:
+        says = "joints bend by more than half a turn: degrees?"
+    yield _judged("joint limits", "no joint is beyond its limit", says, WRONG if is_far else NOTE)
     moved = float(np.linalg.norm(record.joints[-1] - record.joints[-2], axis=-1).max())
-    if moved <= AT_REST:
-        yield Finding("rest", OK, "where the user's hand rests, the shown hand comes to rest")
-    else:
-        says = f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick"
-        yield Finding("rest", NOTE, says)
+    says = (
+        f"after 200 ticks of rest the shown hand still moves by {1e6 * moved:.3g} µm a tick" if moved > AT_REST else ""
+    )
+    yield _judged("rest", "where the user's hand rests, the shown hand comes to rest", says)
     placed = PlacedHand(record.joints, record.position, record.orientation)
     deepest = float(np.nanmax(penetration(surface.arrays, hand_shape(hand), placed).depth))
-    if deepest <= 1e-12:
-        yield Finding("depth", OK, "no tick penetrates")
-    else:
-        more = ", although it promises not to (never_penetrates)" if method.never_penetrates else ""
-        says = f"the shown hand is up to {1e3 * deepest:.3g} mm inside the object{more}"
-        yield Finding("depth", WRONG if method.never_penetrates else NOTE, says)
-    if near.any():
-        touching = counted(int((record.work[:, WORK_TOUCHING] > 0).sum()), "tick")
-        yield Finding("contact", OK, f"the hand touches the object in {touching}")
-    else:
-        yield Finding("contact", WRONG, "the shown hand never comes near the object that the user grasps")
+    more = ", although it promises not to (never_penetrates)" if method.never_penetrates else ""
+    says = f"the shown hand is up to {1e3 * deepest:.3g} mm inside the object{more}" if deepest > 1e-12 else ""
+    yield _judged("depth", "no tick penetrates", says, WRONG if method.never_penetrates else NOTE)
+    touching = counted(int((record.work[:, WORK_TOUCHING] > 0).sum()), "tick")
+    says = "" if near.any() else "the shown hand never comes near the object that the user grasps"
+    yield _judged("contact", f"the hand touches the object in {touching}", says, WRONG)
     if FORCES in method.gives:
         yield _pushes(record, near)
     # As in replay's table: a tick in free space may take next to nothing.
@@ -109,6 +99,11 @@ def check_method(name: str) -> Iterator[Finding]:
     if first > 100.0 * total and first > 1e4:
         advice = f"the first one took {1e-3 * first:.3g} ms: prepare in __init__, which is not timed"
         yield Finding("first tick", NOTE, advice)
+
+
+def _judged(name: str, fine: str, fault: str, verdict: str = NOTE) -> Finding:
+    """Return a finding with a verdict if there is a fault, else the one that all is fine."""
+    return Finding(name, verdict, fault) if fault else Finding(name, OK, fine)
 
 
 def _follows(shown: FloatArray, wanted: FloatArray) -> Finding:
@@ -143,10 +138,10 @@ def _same_but_for(position: FloatArray) -> Iterator[tuple[str, FloatArray]]:
 def _pushes(record: TickRecord, near: BoolArray) -> Finding:
     """Judge the forces of ticks, which balance the coupling: Eq. 1 without inertia."""
     size = np.linalg.norm(record.total, axis=1)
-    if float(size[~near].max(initial=0.0)) > 1e-3:
-        return Finding("forces", NOTE, f"{size[~near].max():.3g} N where nothing is within the margin")
-    if float(size.max()) == 0.0:
-        return Finding("forces", WRONG, "it promises forces, and all are 0 in a grasp")
+    apart = float(size[~near].max(initial=0.0))
+    if apart > 1e-3:
+        return Finding("forces", NOTE, f"{apart:.3g} N where nothing is within the margin")
+    says = "" if float(size.max()) > 0.0 else "it promises forces, and all are 0 in a grasp"
     if float(np.einsum("ti,ti->t", record.total, record.palm_wrench[:, :3]).sum()) < 0.0:
-        return Finding("forces", WRONG, "forces pull the hand towards the user's: meant are those on the hand; turned?")
-    return Finding("forces", OK, f"up to {size.max():.3g} N, and they push the shown hand off the user's")
+        says = "forces pull the hand towards the user's: meant are those on the hand; turned?"
+    return _judged("forces", f"up to {size.max():.3g} N, and they push the shown hand off the user's", says, WRONG)

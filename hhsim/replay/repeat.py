@@ -1,7 +1,7 @@
 """Second run of a result's ticks, from nothing but the file, and comparison of every array: bits, and rounding."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from hhsim.replay.tick_rows import HandRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.solver.method import METHODS, find_method
-from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import OneTick, SceneSolver, seen_hand
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
@@ -170,79 +169,77 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
     with the stage, how much is done and how much there is. Raises InputError for a body, a tree or a hand that is not
     the run's, for a result without ticks, and for such a method without `trust`.
     """
-    shown = [result] if result.name else list(result.hands.values())
+    shown, hands = [result] if result.name else list(result.hands.values()), list(result.hands.values())
     for hand in shown:
         require_whole(hand)
         if hand.ticks == 0:
             raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
-    return _run(shown, list(result.hands.values()), stored_options(result, trust), progress or silent)
-
-
-def _run(shown: Sequence[Result], hands: Sequence[Result], options: SolverOptions, report: Progress) -> RunAgain:
-    """Run the ticks of hands in one scene, and compare those of the shown ones."""
-    result = hands[0]
-    runnable = [_runnable(one) for one in hands]
+    options, report = stored_options(result, trust), progress or silent
+    runnable = [_runnable(hand) for hand in hands]
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
-    prefix = {one.name: "" if len(shown) == 1 else f"{one.name}/" for one in shown}
-    arrays = {one.name: [ArrayComparison(column, prefix[one.name]) for column in COMPARED] for one in shown}
-    has_free = any(body.is_free for body in result.bodies.values())
-    # All that bodies have but what is given.
-    given_columns = {column.name for column in schema.DRIVEN_COLUMNS}
-    of_bodies = [
-        ArrayComparison(replace(column, name=f"{body.group}/{schema.TICK}/{column.name}"))
-        for body in (result.bodies.values() if has_free else ())
-        for column in schema.BODY_COLUMNS
-        if column.name in body and column.name not in given_columns
-    ]
-    contacts = [
-        ArrayComparison(replace(column, name=f"{schema.CONTACT}/{column.name}"))
-        for column in (schema.CONTACT_COLUMNS if has_free else ())
-    ]
+    arrays = _arrays(result, shown)
     names = [column.name for column in schema.TICK_COLUMNS]
+    of_bodies = [array.name for group, of in arrays.items() if group.startswith(schema.BODIES) for array in of]
     # Hands are given block by block. A body that is fixed, or free, needs no stored poses: the scene may have the
     # first block's ticks alone, since all might not fit in memory.
     needs_no_poses = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
-    scene = result_scene(hands, CHUNK_TICKS if needs_no_poses else None)
-    solver = SceneSolver(scene, options)
+    solver = SceneSolver(result_scene(hands, CHUNK_TICKS if needs_no_poses else None), options)
     with interruptible_between() as check_interrupt:
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
-        every = zip(result.blocks([array.name for array in of_bodies]), *(one.blocks(names) for one in hands))
+        every = zip(hands[0].blocks(of_bodies), *(hand.blocks(names) for hand in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
-        by_one = None if result.live is None else OneTick(solver)
+        run = solver.run_given if hands[0].live is None else OneTick(solver).run
         for first, blocks in zip(range(0, total, CHUNK_TICKS), every):
             report("ticks", first, total)
-            bodies, *stored = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
-            here = slice(first, first + len(stored[0]["time"]))
-            given = [
-                HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in stored
+            bodies, *given = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
+            ticks = slice(first, first + len(given[0]["time"]))
+            haptic = [
+                HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in given
             ]
-            haptic = [seen_hand(hand, of.carried(here)) for hand, of in zip(given, rows)]
-            records = solver.run_given(haptic) if by_one is None else by_one.run(haptic)
-            made = [of.rows(here, block, record) for of, block, record in zip(rows, stored, records)]
-            tables = made[0].tables
-            for array in of_bodies:
-                group, _, name = array.name.rpartition("/")
-                array.add(bodies[array.name], tables[group][name])
-            if has_free:
-                _compare_contacts(result, here, tables[schema.CONTACT], contacts)
-            for one, block, of in zip(hands, stored, made, strict=True):
-                again = of.tables[f"{schema.HANDS}/{one.name}/{schema.TICK}"]
-                for array in arrays.get(one.name, ()):
-                    array.add(block[array.column.name], again[array.column.name])
+            records = run([seen_hand(hand, of.carried(ticks)) for hand, of in zip(haptic, rows)])
+            stored: dict[str, dict[str, AnyArray]] = {}
+            computed: dict[str, dict[str, AnyArray]] = {}
+            # Bodies and contacts are those of the first hand.
+            for of, block, user, record in reversed([*zip(rows, given, haptic, records, strict=True)]):
+                stored[f"{schema.HANDS}/{of.model.side}/{schema.TICK}"] = block
+                computed |= of.rows(ticks, block["time"], block["input_seq"], user, record)[1]
+            for group, compared in arrays.items():
+                if group == schema.CONTACT:
+                    _compare_contacts(result, ticks, computed[group], compared)
+                    continue
+                for array in compared:
+                    values = bodies[array.name] if array.name in bodies else stored[group][array.column.name]
+                    array.add(values, computed[group][array.column.name])
             check_interrupt()
     report("ticks", total, total)
-    compared = (*(array for of in arrays.values() for array in of), *of_bodies, *contacts)
-    counts = [f"{a.name} at {a.ticks:,}" for a in compared if a.ticks and a.column.name.startswith(COUNTERS)]
-    if counts and not any(array.word == DIFFERENT for array in compared):
+    found = [array for of in arrays.values() for array in of]
+    counts = [f"{a.name} at {a.ticks:,}" for a in found if a.ticks and a.column.name.startswith(COUNTERS)]
+    if counts and not any(array.word == DIFFERENT for array in found):
         notes.append(f"counts of work differ, which makes no run another: of {total:,} ticks {', '.join(counts)}")
     makers: list[str] = []
-    if not all(array.identical for array in compared):
-        makers = other_makers(result)
+    if not all(array.identical for array in found):
+        makers = other_makers(hands[0])
         outside = "of the method the file of its class alone is compared"
         expected = "the bits should be the same" if result.method in METHODS else outside
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
-    return RunAgain(result.path, result.complete, total, result.ticks, compared, shared, bool(makers))
+    return RunAgain(result.path, result.complete, total, result.ticks, tuple(found), shared, bool(makers))
+
+
+def _arrays(result: Result, shown: Sequence[Result]) -> dict[str, list[ArrayComparison]]:
+    """Return the datasets that a second run gives by their groups: of hands, and of bodies if one is free."""
+    tables: dict[str, Sequence[schema.Column]] = {}
+    if any(body.is_free for body in result.bodies.values()):
+        for body in result.bodies.values():
+            made = [column for column in body.columns if column not in schema.DRIVEN_COLUMNS]
+            tables[f"{body.group}/{schema.TICK}"] = made
+        tables[schema.CONTACT] = schema.CONTACT_COLUMNS
+    arrays: dict[str, list[ArrayComparison]] = {}
+    for hand in shown:
+        prefix = "" if len(shown) == 1 else f"{hand.name}/"
+        group = f"{schema.HANDS}/{hand.name}/{schema.TICK}"
+        arrays[group] = [ArrayComparison(column, prefix) for column in COMPARED]
+    return arrays | {group: [ArrayComparison(column, f"{group}/") for column in of] for group, of in tables.items()}
 
 
 def _compare_contacts(

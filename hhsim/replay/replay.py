@@ -6,7 +6,8 @@ of two such hands, and all beside a free object, are one program of both.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +20,14 @@ from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import SIDES
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.metrics.run.registry import needed_columns, run_metrics
-from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.summary import GRAPHIC_HAND, ReplaySummary, summarise
-from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.metrics.run.registry import run_metrics
+from hhsim.replay.stored_scene import body_parts, hand_arrays
+from hhsim.replay.summary import HandRun, ReplaySummary
 from hhsim.result import schema
-from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import keeps_hands_apart
-from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.deferred_sigint import interruptible_between
@@ -46,7 +43,7 @@ def replay_scene(
     command: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> ReplaySummary:
-    """Replay a scene of one hand (of two: `replay_two_hands`), write a result file, and return the table's figures.
+    """Replay a scene of one hand (of two: `Replay`), write a result file, and return the table's figures.
 
     An existing file is replaced when the new one is complete. `description` is further description as plain values,
     over the scene's own; `command` the command line for the file to record, empty in a program. `progress` is called
@@ -57,79 +54,36 @@ def replay_scene(
     """
     if not isinstance(options, SolverOptions):
         raise InputError(f"options: expected SolverOptions, found {options!r}")
-    return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress or silent)[0]
-
-
-class HandRun(HandRows):
-    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
-
-    def __init__(
-        self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
-    ) -> None:
-        super().__init__(solver, hand, list(bodies))
-        scene, seen, options, of_hand = solver.scene, solver.seen, solver.options, solver.scene.hands[hand]
-        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
-        of_method: dict[str, Any] = {}
-        if options.method not in METHODS:
-            of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
-            of_method |= {"method_source": method.source} if method.source else {}
-        self.described = {
-            **scene.description,
-            **described,
-            "rate": scene.ticks.rate,
-            "motion": motion.name,
-            "motion_source": motion.source,
-            **of_method,
-            **describe_scene(seen.mesh, seen.tree, self.model, options, bodies, seen.free),
-        }
-        self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
-        self._body, self._contacts = KeptColumns(), KeptColumns()
-
-    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
-        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
-        here = HandConfiguration.of(self.ticks).at(ticks)
-        haptic = {f"haptic/{name}": values for name, values in here._asdict().items()}
-        given = {"time": self.ticks.time[ticks], "input_seq": self.ticks.input_seq[ticks], **haptic}
-        made = self.rows(ticks, given, record)
-        self._series.keep(made.seen)
-        # What one body that goes as recorded has is its poses alone, which no figure needs.
-        if self.solver.seen.free is not None:
-            self._body.keep(made.body)
-            self._contacts.keep(made.contacts)
-        return made.tables
-
-    def summary(self) -> ReplaySummary:
-        """Compute the table."""
-        shown, apart = of_the_paper(self.described), bool(self.described.get(schema.HANDS_APART))
-        kept = self._series, self._body, self._contacts
-        return summarise(self.solver, *kept, hand=self.hand, of_paper=shown, hands_apart=apart)
+    return Replay(SceneSolver(scene, options), description).into(Path(output_path), command, progress)[0]
 
 
 class Replay:
-    """Run of all hands of a scene, and its file; `description` as of `replay_scene`."""
+    """Run of all hands of a scene, and its file; arguments and errors are those of `replay_scene`."""
 
     def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None) -> None:
         scene, described = solver.scene, dict(description or {})
         self.solver, self.total = solver, scene.ticks.tick_count
-        self.together = solver.seen.free is not None
+        self._together = solver.seen.free is not None
         if len(scene.hands) > 1:
-            described[schema.HANDS_APART] = self.keeps_apart = self.together or keeps_hands_apart(solver.options)
+            described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._models, self.graphic_distances = [run.model for run in self.runs], list[FloatArray]()
-        self.tick_durations = list[AnyArray]()
+        self._models, self._graphic_distances = [run.model for run in self.runs], list[FloatArray]()
+        self._tick_durations = list[AnyArray]()
 
-    def into(self, path: Path, command: Sequence[str], progress: Progress) -> tuple[ReplaySummary, ...]:
+    def into(
+        self, path: Path, command: Sequence[str] = (), progress: Progress | None = None
+    ) -> tuple[ReplaySummary, ...]:
         """Solve all ticks, write the file, and return the table of each hand."""
         with self.writer(path, command):
-            self.go(progress)
+            self.go(progress or silent)
             return self.finish()
 
     def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
         """Return the writer of the run's file, to be entered before the first tick; it measures the haptic hands."""
         scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
         haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
-        self.haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
+        self._haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
         frame = [
             replace(column, name=f"{schema.FRAME.partition('/')[2]}/{column.name}") for column in schema.POSE_COLUMNS
@@ -166,9 +120,9 @@ class Replay:
                 PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
                 for of in (tables[f"{schema.HANDS}/{run.model.side}/{schema.TICK}"] for run in self.runs)
             ]
-            self.graphic_distances.append(distance_of_hands(self._models, placed))
-            self.tick_durations.append(np.maximum(*(record.duration_total for record in records)))
-            between = self.haptic_distance[ticks], self.graphic_distances[-1]
+            self._graphic_distances.append(distance_of_hands(self._models, placed))
+            self._tick_durations.append(np.maximum(*(record.duration_total for record in records)))
+            between = self._haptic_distance[ticks], self._graphic_distances[-1]
             tables[schema.TICK] |= {
                 column.name: values for column, values in zip(schema.BETWEEN_COLUMNS, between, strict=True)
             }
@@ -183,65 +137,40 @@ class Replay:
             side: {name: value for name, value in of.items() if _is_of_hand(name)} for side, of in of_hands.items()
         }
         path = self._writer.finish(own, shared)
-        return tuple(replace(summary, path=path) for summary in summaries.values())
+        self.hands = tuple(replace(summary, path=path) for summary in summaries.values())
+        return self.hands
+
+    @cached_property
+    def of_both(self) -> dict[str, float]:
+        """Figures of two hands that have been run.
+
+        Times of a tick of both, side by side the longer one's [s], and least distances of the haptic and of the graphic
+        hands from each other [m], negative where one is in the other.
+        """
+        times = 1e-9 * np.concatenate(self._tick_durations)
+        p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
+        haptic, graphic = (float(np.min(of)) for of in (self._haptic_distance, np.concatenate(self._graphic_distances)))
+        return {"tick_p50": p50, "tick_p99": p99, "haptic_distance": haptic, "graphic_distance": graphic}
+
+    @property
+    def note(self) -> str:
+        """Sentence on two hands together."""
+        p50, p99, haptic, graphic = self.of_both.values()
+        how = "in one program" if self._together else "side by side"
+        met = f"; the haptic hands enter each other by {-1e3 * haptic:.2g} mm"
+        if self._keeps_apart:
+            met += f", the graphic ones by {1e3 * max(0.0, -graphic):.2g} mm"
+        return (
+            f"a tick of both hands, {how}: p50 {1e6 * p50:.3g} µs, p99 {1e6 * p99:.3g} µs; the graphic hands come "
+            f"within {1e3 * graphic:.3g} mm of each other{met if haptic < 0.0 else ''}"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the outcome of two hands as plain values, SI."""
+        hands = {side: one.to_json() for side, one in zip(SIDES, self.hands)}
+        return {"result": str(self.hands[0].path), "hands": hands, **self.of_both}
 
 
 def _is_of_hand(figure: str) -> bool:
     """Return True for a figure of one hand; the number of ticks and figures of bodies are of all hands."""
     return figure in run_metrics() and not run_metrics()[figure].of_body
-
-
-@dataclass(frozen=True)
-class TwoHandedReplay:
-    """Outcome of a replay of two hands."""
-
-    path: Path  # result file of both
-    hands: tuple[ReplaySummary, ReplaySummary]  # tables of the right and of the left hand
-    tick_p50: float  # time of a tick of both, side by side the longer one's [s]
-    tick_p99: float
-    haptic_distance: float  # least distance between the haptic hands [m], negative where one is in the other
-    graphic_distance: float  # the same between the graphic hands
-    together: bool = False  # True if both have one program, with a free object
-    keeps_apart: bool = False  # True if the graphic hands keep out of each other
-
-    @property
-    def note(self) -> str:
-        """Sentence on both hands together."""
-        nearest = f"{1e3 * self.graphic_distance:.3g} mm"
-        how = "in one program" if self.together else "side by side"
-        met = f"; the haptic hands enter each other by {-1e3 * self.haptic_distance:.2g} mm"
-        if self.keeps_apart:
-            met += f", the graphic ones by {1e3 * max(0.0, -self.graphic_distance):.2g} mm"
-        return (
-            f"a tick of both hands, {how}: p50 {1e6 * self.tick_p50:.3g} µs, p99 {1e6 * self.tick_p99:.3g} µs; "
-            f"the graphic hands come within {nearest} of each other{met if self.haptic_distance < 0.0 else ''}"
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain values, SI."""
-        hands = {side: one.to_json() for side, one in zip(SIDES, self.hands)}
-        names = ("tick_p50", "tick_p99", "haptic_distance", "graphic_distance")
-        return {"result": str(self.path), "hands": hands, **{name: getattr(self, name) for name in names}}
-
-
-def replay_two_hands(
-    scene: Scene,
-    options: SolverOptions,
-    output_path: str | Path,
-    *,
-    command: Sequence[str] = (),
-    progress: Progress = silent,
-) -> TwoHandedReplay:
-    """Replay a scene of two hands.
-
-    Other arguments and errors are those of `hhsim.replay.replay.replay_scene`; raises InputError, too, for a scene of
-    one hand.
-    """
-    if len(scene.hands) != len(SIDES):
-        raise InputError(f"{scene!r}: expected {' and '.join(SIDES)} hand")
-    run = Replay(SceneSolver(scene, options))
-    right, left = run.into(Path(output_path), command, progress)
-    times = 1e-9 * np.concatenate(run.tick_durations)
-    p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-    haptic, graphic = (float(np.min(of)) for of in (run.haptic_distance, np.concatenate(run.graphic_distances)))
-    return TwoHandedReplay(Path(output_path), (right, left), p50, p99, haptic, graphic, run.together, run.keeps_apart)

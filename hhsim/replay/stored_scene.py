@@ -1,7 +1,7 @@
 """Object, tree, hand and options to and from a result file, bit for bit."""
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,20 +12,18 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
-from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.result import schema
+from hhsim.result.body import HAND_ARRAYS, result_hand
 from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
-from hhsim.result.stored_hand import HAND_ARRAYS, result_hand, sphere_tree_of
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SeenScene
-from hhsim.trees.sphere_tree import SphereTree
 
 STILL = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 """Pose of a body whose mesh is in a frame that is the world's."""
@@ -55,74 +53,52 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
 
     Where one of several is free each has its properties; else a joint that its values drive has them.
     """
-    if (parts := seen.parts) is None:
-        kind = "free" if seen.free else "driven" if seen.carrier else "fixed"
-        columns = (
-            *(schema.POSE_COLUMNS if kind != "fixed" else ()),
-            *((*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS) if seen.free else ()),
-        )
-        properties = seen.free.to_json() if seen.free else {}
-        arrays = _arrays(seen.mesh, seen.tree, seen.place)
-        return {body_name(seen.mesh.name): StoredBody(kind, arrays, _names(columns), properties)}
-    solids, found = {body.name: body for body in scene.solids}, dict[str, StoredBody]()
+    parts, solids = seen.parts, {body.name: body for body in scene.solids}
     free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
-    for p, (name, mesh, tree) in enumerate(zip(parts.names, parts.meshes, parts.trees, strict=True)):
-        columns, joint, properties = schema.POSE_COLUMNS, solids[name].joint, {}
-        # Where none is free all are stored as driven: one that stands may stand in a frame that a recording carries.
-        kind = type(solids[name].motion).__name__.lower() if free else "driven"
+    found: dict[str, StoredBody] = {}
+    for p, body in enumerate(scene.solids if parts is None else [solids[name] for name in parts.names]):
+        # Of several, none free, all are driven: one that stands may stand in a frame that a recording carries along.
+        kind = type(body.motion).__name__.lower() if free or parts is None else "driven"
+        columns = list(schema.POSE_COLUMNS if kind != "fixed" or parts is not None else ())
+        properties: dict[str, Any] = {}
         if free:
             properties = free[p].to_json()
-            columns += (*schema.MOTION_COLUMNS, schema.OF_BODIES, *(schema.FREE_COLUMNS if p == 0 else ()))
-            columns += schema.DRIVEN_COLUMNS if kind == "driven" else ()
-        elif joint is not None and name in parts.values:
-            properties = {"joint": {each: getattr(joint, each) for each in JOINT_PROPERTIES}}
-            columns += (schema.JOINT_COLUMN,)
-        found[name] = StoredBody(kind, _arrays(mesh, tree, STILL), _names(columns), properties)
+            columns += (*schema.MOTION_COLUMNS, *(() if parts is None else (schema.OF_BODIES,)))
+            columns += (*(schema.FREE_COLUMNS if p == 0 else ()), *(schema.DRIVEN_COLUMNS if kind == "driven" else ()))
+        elif parts is not None and body.joint is not None and body.name in parts.values:
+            properties = {"joint": {name: getattr(body.joint, name) for name in JOINT_PROPERTIES}}
+            columns.append(schema.JOINT_COLUMN)
+        alone = body_name(seen.mesh.name), seen.mesh, seen.tree, seen.place
+        name, mesh, tree, place = alone if parts is None else (body.name, parts.meshes[p], parts.trees[p], STILL)
+        arrays = {
+            "mesh/vertices": mesh.vertices,
+            "mesh/faces": mesh.faces,
+            **{f"tree/{each}": getattr(tree, each) for each in schema.TREE_ARRAYS},
+            **{each: np.array(values, dtype=np.float64) for each, values in place._asdict().items()},
+        }
+        found[name] = StoredBody(kind, arrays, tuple(columns), properties)
     return found
 
 
-def _names(columns: Iterable[schema.Column]) -> tuple[str, ...]:
-    return tuple(column.name for column in columns)
-
-
-def _arrays(mesh: Mesh, tree: SphereTree, place: ObjectMotion) -> dict[str, AnyArray]:
-    """Return the arrays of `hhsim.result.schema.BODY_STATIC`: mesh and tree in the world [m], at a pose of the body."""
-    return {
-        "mesh/vertices": mesh.vertices,
-        "mesh/faces": mesh.faces,
-        **{f"tree/{name}": getattr(tree, name) for name in schema.TREE_ARRAYS},
-        **{name: np.array(values, dtype=np.float64) for name, values in place._asdict().items()},
-    }
-
-
 def describe_scene(
-    mesh: Mesh,
-    tree: SphereTree,
-    hand: HandModel,
-    options: SolverOptions,
-    bodies: Mapping[str, StoredBody],
-    free: FreeObject | None = None,
+    seen: SeenScene, hand: HandModel, options: SolverOptions, bodies: Mapping[str, StoredBody]
 ) -> dict[str, Any]:
     """Return the description of a scene for the result's file as plain values."""
+    palm, leaves = hand.palm_tree.leaf_count, seen.tree.leaf_count
     return {
-        **({} if free is None else {"friction_law": LAW}),
+        **({} if seen.free is None else {"friction_law": LAW}),
         "solver": options.to_json(),
-        "hand": {
-            "side": hand.side,
-            "length": hand.hand_length,
-            "breadth": hand.hand_breadth,
-            "palm_spheres": hand.palm_tree.leaf_count,
-        },
-        "object_name": mesh.name,
-        "object_spheres": tree.leaf_count,
+        "hand": {"side": hand.side, "length": hand.hand_length, "breadth": hand.hand_breadth, "palm_spheres": palm},
+        "object_name": seen.mesh.name,
+        "object_spheres": leaves,
         "modelled": {
             "fingers": list(options.fingers),
             "phalanges": int(options.modelled()[:PALM_BODY].sum()),
-            "palm_spheres": hand.palm_tree.leaf_count,
-            "object_spheres": tree.leaf_count,
-            "all_pairs": all_pairs(hand, tree),
+            "palm_spheres": palm,
+            "object_spheres": leaves,
+            "all_pairs": all_pairs(hand, seen.tree),
             "not_modelled": [
-                *([] if free else ["friction", "dynamics"]),
+                *([] if seen.free else ["friction", "dynamics"]),
                 "deformation",
                 *([] if options.self_contact else ["finger-to-finger contact"]),
             ],
@@ -168,11 +144,6 @@ def require_whole(result: Result) -> None:
             raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
 
 
-def stored_mesh(body: StoredBody) -> Mesh:
-    """Return the mesh of a body, where it is stored [m]."""
-    return Mesh(body.vertices, body.faces, name=body.name, source=str(body.result.path))
-
-
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
     """Make the scene that a result holds, with these of its hands and its first `most` ticks, by default all.
 
@@ -203,8 +174,7 @@ def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
 
 def _scene_body(body: StoredBody, rows: slice) -> Body:
     """Return a body of a result as one of a scene."""
-    mesh, tree = stored_mesh(body), sphere_tree_of(body.static, "tree")
-    place, own = body.place, body.properties
+    mesh, tree, place, own = body.mesh, body.tree, body.place, body.properties
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
     motion: BodyMotion = Fixed()
     if body.is_free:

@@ -28,20 +28,23 @@ from hhsim.metrics.mesh_penetration import MOST_CONTACT_ERROR
 from hhsim.metrics.metrics import force_variation_rate, statistics
 from hhsim.metrics.moving_parts import MovingParts, TouchedObject
 from hhsim.metrics.run.force import TREMBLING
-from hhsim.metrics.run.registry import known_figures, run_metrics, tick_figures
-from hhsim.metrics.run_ticks import Datasets, FreeRun, RunTicks
+from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
+from hhsim.metrics.run_ticks import FreeRun, RunTicks
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
-from hhsim.replay.stored_scene import STILL
+from hhsim.replay.stored_scene import STILL, describe_scene
 from hhsim.replay.summary_table import SummaryRow, summary_rows
-from hhsim.replay.tick_rows import KeptColumns
+from hhsim.replay.tick_rows import HandRows, KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
+from hhsim.result.body import Body, Contacts
+from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
+from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import all_pairs
 from hhsim.solver.hand_solver import HandSolver, WarmUp
-from hhsim.solver.method import FORCES, PROMISES, RUNS, find_method
+from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.reference_optimum import reference_excess
-from hhsim.solver.scene_solver import SceneSolver, SeenScene
+from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.counted import counted
 from hhsim.trees.options import MOST_LEVEL
 
@@ -135,121 +138,134 @@ class ReplaySummary:
         }
 
 
-def summarise(
-    solver: SceneSolver,
-    series: KeptColumns,
-    body: Datasets,
-    contacts: Datasets,
-    *,
-    hand: int = 0,
-    of_paper: bool = False,
-    hands_apart: bool = False,
-) -> ReplaySummary:
-    """Compute the table of a hand of a run that has just ended, of datasets of /tick as the object sees them.
+class HandRun(HandRows):
+    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
 
-    `body` and `contacts` have those of a free body, world, as `FreeRun`. `of_paper` shows the paper's figures;
-    `hands_apart` is True of one of two hands that keep out of each other.
-    """
-    scene, seen, options, surface = solver.scene, solver.seen, solver.options, solver.surfaces[hand]
-    ticks, parts, model = scene.ticks, seen.parts, scene.hands[hand].model
-    fingers = np.array([finger in options.fingers for finger in FINGERS])
-    touched = seen.mesh, surface.arrays, hand_shape(model), fingers, options.touch, parts, options.surface
-    free_run = None
-    if seen.free is not None:
-        first = STILL if seen.others else seen.place
-        of_body = seen.free.to_json(), first, options.stiffness.diagonal(), options.offset, bool(seen.others)
-        free_run = FreeRun(body, contacts, *of_body)
-    run = RunTicks(
-        columns=series,
-        ticks=ticks.tick_count,
-        phases=ticks.phases,
-        rate=ticks.rate,
-        fingers=len(options.fingers),
-        all_pairs=all_pairs(model, seen.tree),
-        touched=TouchedObject(*touched),
-        hand=model,
-        free=free_run,
-        modelled=options.fingers,
-        self_contact=options.self_contact,
-    )
-    haptic = seen.haptic[hand]
-    method = find_method(options.method)
-    known = known_figures(method.gives)
-    # What a further run of the solver would tell is of an object that stands still.
-    still = seen.free is None and parts is None
-    own = figures_of_own_runs(model, surface, options, haptic, run) if still else {}
-    figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
-    return ReplaySummary(
-        rows=summary_rows(figures, of_paper=of_paper),
-        notes=(
-            *_notes(seen, options, hands_apart, series["status"], figures),
-            *surface.notes,
-            *(() if free_run is None or parts is None else _held_off(parts, free_run.moved)),
-        ),
-        ticks=ticks.tick_count,
-        warm_up=solver.prepared[hand],
-        method=options.method,
-        object_name=scene.name,
-        motion_name=scene.hands[hand].trajectory.name,
-        surface=options.surface,
-        promises=method.promises,
-    )
+    def __init__(
+        self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
+    ) -> None:
+        super().__init__(solver, hand, list(bodies))
+        scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
+        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
+        of_method: dict[str, Any] = {}
+        if options.method not in METHODS:
+            of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
+            of_method |= {"method_source": method.source} if method.source else {}
+        self.described = {
+            **scene.description,
+            **described,
+            "rate": scene.ticks.rate,
+            "motion": motion.name,
+            "motion_source": motion.source,
+            **of_method,
+            **describe_scene(solver.seen, self.model, options, bodies),
+        }
+        self._surface = solver.surfaces[hand]
+        self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
+        self._body, self._contacts = KeptColumns(), KeptColumns()
 
+    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
+        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
+        given, haptic = self.ticks, HandConfiguration.of(self.ticks).at(ticks)
+        seen, tables = self.rows(ticks, given.time[ticks], given.input_seq[ticks], haptic, record)
+        self._series.keep(seen)
+        # What one body that goes as recorded has is its poses alone, which no figure needs.
+        if self.solver.seen.free is not None:
+            self._body.keep(tables[f"{BODIES}/{self._names[0]}/{TICK}"])
+            self._contacts.keep({f"{CONTACT}/{name}": of for name, of in tables[CONTACT].items()})
+        return tables
 
-def figures_of_own_runs(
-    hand: HandModel, surface: Any, options: SolverOptions, haptic: HandConfiguration, run: RunTicks
-) -> dict[str, float]:
-    """Compute the figures that need further runs of the solver: the reference optimum, and a trembling hold.
-
-    `surface` is as `HandSolver` takes it; `run` has the datasets of `GRAPHIC_HAND`.
-    """
-    if not run.holds:
-        return {"tracking_excess": np.nan}
-    graphic = HandConfiguration(*(run[f"graphic/{name}"] for name in HandConfiguration._fields))
-    held = np.flatnonzero(run.hold)
-    chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
-    excess = reference_excess(hand, surface, options, haptic, graphic, chosen)
-    found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
-    if not find_method(options.method).gives >= {FORCES, RUNS}:
-        return found
-    held_haptic, held_graphic = haptic.at(run.holds[0]), graphic.at(run.holds[0])
-    if all(np.all(values == values[:1]) for values in held_haptic):
-        # The same hold with a trembling hand.
-        record, settled = trembling_hold(hand, surface, options, held_haptic, held_graphic, run.rate)
-        trembling = statistics(force_variation_rate(record.total), settled)
-        found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
-    return found
-
-
-def _notes(
-    seen: SeenScene, options: SolverOptions, hands_apart: bool, status: AnyArray, figures: Mapping[str, float]
-) -> Iterator[str]:
-    """Yield remarks on the input, on the ticks, and on spheres too coarse for what a user should feel."""
-    yield from (*seen.mesh.repairs, *seen.mesh.warnings)
-    if np.any(status & STATUS_START_INSIDE):
-        where = "one of the bodies" if seen.others else "the object"
-        where += ", or in the other hand" if hands_apart else ""
-        where += ", or in itself" if options.self_contact else ""
-        yield f"the haptic hand begins inside {where}: the graphic hand began at a free place near it"
-    if squeezed := int(np.sum(status & STATUS_NO_PLACE > 0)):
-        ticks = counted(squeezed, "tick")
-        yield f"moving parts left the hand no place in {ticks}: it is shown inside them, as little as can be"
-    if held := int(np.sum(status & STATUS_INPUT_INVALID > 0)):
-        yield f"{counted(held, 'tick')} had input that was not finite and used the last good one"
-    if options.threads > 1:
-        yield f"CPU times are those of all {options.threads} threads together, waiting for each other included"
-    error = figures["contact_error_max"]
-    # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
-    if error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
-        level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
-        if seen.others:
-            way = "mend it with --surface mesh"
-        elif level < MOST_LEVEL:
-            way = f"mend it with --level {level + 1}, or --max-error 1mm, which takes the coarsest level that is enough"
-        yield (
-            f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level "
-            f"{level}) are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}"
+    def summary(self) -> ReplaySummary:
+        """Compute the table of the run, of datasets of /tick as the object sees them."""
+        solver, seen, options, surface = self.solver, self.solver.seen, self.solver.options, self._surface
+        scene, parts, free = solver.scene, seen.parts, None
+        if seen.free is not None:
+            contacts = Contacts(self._contacts, len(scene.hands), self.hand)
+            first = STILL if seen.others else seen.place
+            of_body = seen.free.to_json(), first, options.stiffness.diagonal(), options.offset, bool(seen.others)
+            free = FreeRun(self._body, contacts, *of_body)
+        fingers = np.array([finger in options.fingers for finger in FINGERS])
+        touched = seen.mesh, surface.arrays, hand_shape(self.model), fingers, options.touch, parts, options.surface
+        run = RunTicks(
+            columns=self._series,
+            ticks=scene.ticks.tick_count,
+            phases=scene.ticks.phases,
+            rate=scene.ticks.rate,
+            fingers=len(options.fingers),
+            all_pairs=all_pairs(self.model, seen.tree),
+            touched=TouchedObject(*touched),
+            hand=self.model,
+            free=free,
+            modelled=options.fingers,
+            self_contact=options.self_contact,
         )
+        method = find_method(options.method)
+        known = known_figures(method.gives)
+        # What a further run of the solver would tell is of an object that stands still.
+        own = self._figures_of_own_runs(run) if free is None and parts is None else {}
+        figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
+        held_off = () if free is None or parts is None else _held_off(parts, free.moved)
+        return ReplaySummary(
+            rows=summary_rows(figures, of_paper=of_the_paper(self.described)),
+            notes=(*self._notes(figures), *surface.notes, *held_off),
+            ticks=scene.ticks.tick_count,
+            warm_up=solver.prepared[self.hand],
+            method=options.method,
+            object_name=scene.name,
+            motion_name=scene.hands[self.hand].trajectory.name,
+            surface=options.surface,
+            promises=method.promises,
+        )
+
+    def _figures_of_own_runs(self, run: RunTicks) -> dict[str, float]:
+        """Compute the figures that need further runs of the solver: the reference optimum, and a trembling hold."""
+        if not run.holds:
+            return {"tracking_excess": np.nan}
+        hand, options, haptic = self.model, self.solver.options, self.solver.seen.haptic[self.hand]
+        graphic = HandConfiguration(*(run[f"graphic/{name}"] for name in HandConfiguration._fields))
+        held = np.flatnonzero(run.hold)
+        chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
+        excess = reference_excess(hand, self._surface, options, haptic, graphic, chosen)
+        found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
+        if not find_method(options.method).gives >= {FORCES, RUNS}:
+            return found
+        held_haptic, held_graphic = haptic.at(run.holds[0]), graphic.at(run.holds[0])
+        if all(np.all(values == values[:1]) for values in held_haptic):
+            # The same hold with a trembling hand.
+            record, settled = trembling_hold(hand, self._surface, options, held_haptic, held_graphic, run.rate)
+            trembling = statistics(force_variation_rate(record.total), settled)
+            found |= {TREMBLING: trembling.mean, f"{TREMBLING}_std": trembling.std}
+        return found
+
+    def _notes(self, figures: Mapping[str, float]) -> Iterator[str]:
+        """Yield remarks on the input, on the ticks, and on spheres too coarse for what a user should feel."""
+        seen, options, status = self.solver.seen, self.solver.options, self._series["status"]
+        yield from (*seen.mesh.repairs, *seen.mesh.warnings)
+        if np.any(status & STATUS_START_INSIDE):
+            where = "one of the bodies" if seen.others else "the object"
+            where += ", or in the other hand" if self.described.get(HANDS_APART) else ""
+            where += ", or in itself" if options.self_contact else ""
+            yield f"the haptic hand begins inside {where}: the graphic hand began at a free place near it"
+        if squeezed := int(np.sum(status & STATUS_NO_PLACE > 0)):
+            ticks = counted(squeezed, "tick")
+            yield f"moving parts left the hand no place in {ticks}: it is shown inside them, as little as can be"
+        if held := int(np.sum(status & STATUS_INPUT_INVALID > 0)):
+            yield f"{counted(held, 'tick')} had input that was not finite and used the last good one"
+        if options.threads > 1:
+            yield f"CPU times are those of all {options.threads} threads together, waiting for each other included"
+        error = figures["contact_error_max"]
+        # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
+        if error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
+            level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
+            if seen.others:
+                way = "mend it with --surface mesh"
+            elif level < MOST_LEVEL:
+                finer = f"mend it with --level {level + 1}, or --max-error 1mm, which"
+                way = f"{finer} takes the coarsest level that is enough"
+            yield (
+                f"the hand touches up to {1e3 * error:.2g} mm off the mesh: {seen.tree.leaf_count:,} spheres (level "
+                f"{level}) are too coarse for an object of {1e3 * seen.mesh.extent.max():,.0f} mm; {way}"
+            )
 
 
 def _held_off(parts: MovingParts, first: RigidMotion) -> Iterator[str]:
@@ -287,19 +303,16 @@ def digits_with(deviation: float, digits: int) -> int:
     return min(max(digits, 1 - math.floor(math.log10(deviation))), digits + MORE_DIGITS)
 
 
-def repeated_times(runs: Sequence[ReplaySummary]) -> list[RepeatedTime]:
-    """Return every figure that has noise, over at least two runs of the same replay, without undefined ones."""
-    found = []
+def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
+    """Return every figure that has noise, over at least two runs of the same replay, as plain values: SI, or %.
+
+    Undefined figures are left out.
+    """
+    times = {}
     for row in runs[-1].rows:
         values = [float(other.value) for run in runs for other in run.rows if other.name == row.name]
         if run_metrics()[row.name].noise > 0.0 and all(map(math.isfinite, values)):
-            found.append(RepeatedTime(row, mean(values), stdev(values)))
-    return found
-
-
-def repeated_document(runs: Sequence[ReplaySummary]) -> dict[str, Any]:
-    """Return times over at least two runs of the same replay as plain values: SI, or % where defined so."""
-    times = {time.row.name: {"mean": time.mean, "std": time.deviation} for time in repeated_times(runs)}
+            times[row.name] = {"mean": mean(values), "std": stdev(values)}
     return {"runs": len(runs), "times": times}
 
 

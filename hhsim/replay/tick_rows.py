@@ -4,7 +4,7 @@ They are the solver's record, and what is measured from it apart from the solver
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class TickColumns:
 
     def __init__(self, surface: Any, hand: HandModel, options: SolverOptions, parts: MovingParts | None = None) -> None:
         self._surface, self._shape = surface, hand_shape(hand)
-        self._parts, self._kind, self._ticks = parts, options.surface, 0
+        self._parts, self._kind = parts, options.surface
         self._fingers = np.array([finger in options.fingers for finger in FINGERS])
         self.forget()
 
@@ -67,20 +67,26 @@ class TickColumns:
         self._total = np.full((1, 3), np.nan)
         self._finger = np.full((1, 5, 3), np.nan)
 
-    def rewind(self) -> None:
-        """Have the next block take the poses of parts from their first tick on."""
-        self._ticks = 0
-
     def block(
-        self, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
-    ) -> dict[str, AnyArray]:
-        """Return the columns of the next B ticks: `record` is the solver's output for `haptic`.
+        self,
+        ticks: slice,
+        time: AnyArray,
+        input_seq: AnyArray,
+        haptic: HandConfiguration,
+        record: TickRecord,
+        moved: RigidMotion | None,
+    ) -> tuple[Columns, Columns]:
+        """Return the columns of the next B ticks in the engine's frame, and in the world.
 
-        `time` is since the start of the motion [s], `input_seq` the number of the input sample in use, shape (B,).
+        Args:
+            ticks: Numbers of the ticks among the poses of parts.
+            time: Since the start of the motion [s], shape (B,).
+            input_seq: Number of the input sample in use, shape (B,).
+            haptic: The user's hand, world.
+            record: The solver's output for it, in the engine's frame.
+            moved: Motion of that frame, None where it is the world's.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
-        ticks = slice(self._ticks, self._ticks + len(time))
-        self._ticks = ticks.stop
         if self._parts is None:
             depth = penetration(self._surface, self._shape, placed, self._fingers)
         else:
@@ -88,9 +94,9 @@ class TickColumns:
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]
-        given = {"input_seq": input_seq, **{f"haptic_{name}": values for name, values in haptic._asdict().items()}}
-        fields = {**given, **record._asdict()}
-        return {
+        user = seen_hand(haptic, moved)._asdict()
+        fields = {"input_seq": input_seq, **{f"haptic_{name}": of for name, of in user.items()}, **record._asdict()}
+        seen = {
             "time": time,
             **{column.name: column.taken(fields) for column in schema.TICK_COLUMNS if column.source},
             "penetration_depth": depth.depth,
@@ -99,15 +105,11 @@ class TickColumns:
             "force_variation_rate": force_variation_rate(total)[1:],
             "force_variation_finger": force_variation_rate(finger)[1:],
         }
-
-
-class TickRows(NamedTuple):
-    """Rows of some ticks, as one hand of a scene has them."""
-
-    seen: Columns  # of the hand, in the engine's frame
-    body: Columns  # of the first free body, else the poses of what carries the engine's frame, if anything; world
-    contacts: Columns  # its contacts, as the hand counts bodies
-    tables: dict[str, Columns]  # of the file by their groups, world
+        if moved is None:
+            return seen, seen
+        shown = {name: transformed(name, values, moved, seen=False) for name, values in seen.items()}
+        # The haptic hand is the given one to the bit.
+        return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
 class HandRows:
@@ -123,30 +125,28 @@ class HandRows:
         carrier = self.solver.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
-    def rows(self, ticks: slice, given: Columns, record: TickRecord) -> TickRows:
-        """Return the rows of ticks that were solved last.
+    def rows(
+        self, ticks: slice, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
+    ) -> tuple[Columns, dict[str, Columns]]:
+        """Return the rows of ticks that were solved last; arguments as of `TickColumns.block`.
 
-        `given` has the time, the number of the input sample, and the haptic hand, world, as the columns of the file.
+        Those of the hand are in the engine's frame; the tables of the file by their groups in the world.
         """
         if not np.isfinite(record.joints).all():
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = self.solver.object_ticks(self.hand)
+            free = self.solver.object_ticks()
             moved = RigidMotion(free.turn, free.shift)
-            own, contacts = free_columns(free, *seen.place), contact_rows(free, ticks.start)
+            own = free_columns(free, *seen.place)
+            contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))
         elif seen.carrier is not None:
-            own = {
-                column.name: values for column, values in zip(schema.POSE_COLUMNS, seen.carrier.at(ticks), strict=True)
-            }
+            own = seen.carrier.at(ticks)._asdict()
         of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
-        own = of_bodies[f"{schema.BODIES}/{self._names[0]}/{schema.TICK}"] if seen.others else own
-        haptic = HandConfiguration(*(given[f"haptic/{name}"] for name in HandConfiguration._fields))
-        hand = self._columns.block(given["time"], given["input_seq"], seen_hand(haptic, moved), record)
-        tables = schema.hand_tables(self.model.side, shown_columns(hand, haptic, moved))
+        hand, shown = self._columns.block(ticks, time, input_seq, haptic, record, moved)
+        tables = schema.hand_tables(self.model.side, shown)
         tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})
-        counted = stored_contacts(contacts, len(self.solver.scene.hands))
-        return TickRows(hand, own, contacts, {**tables, **of_bodies, schema.CONTACT: counted})
+        return hand, {**tables, **of_bodies, schema.CONTACT: contacts}
 
 
 def body_rows(
@@ -180,13 +180,6 @@ def body_rows(
     return rows
 
 
-def shown_columns(block: Columns, haptic: HandConfiguration, moved: RigidMotion | None) -> Columns:
-    """Return a block of a hand's columns in the world; the haptic hand is the given one to the bit."""
-    if moved is not None:
-        block = {name: transformed(name, values, moved, seen=False) for name, values in block.items()}
-    return {**block, **{f"haptic/{name}": values for name, values in haptic._asdict().items()}}
-
-
 def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArray) -> Columns:
     """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
     moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
@@ -197,21 +190,12 @@ def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArra
     return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
 
 
-def contact_rows(ticks: "ObjectRecord", first: int) -> Columns:
-    """Return the contacts of a block of ticks of a free body, as a hand counts bodies; `first` numbers the ticks."""
+def contact_rows(ticks: "ObjectRecord", first: int, hands: int) -> Columns:
+    """Return the rows of /contact of a block of ticks of a free body beside some hands; `first` numbers the ticks."""
     from hhsim.kernels.world.record import STICKS
 
     rows = int(ticks.contact[-1])
     fields = {name: values[:rows] for name, values in ticks._asdict().items()}
     tick = first + np.repeat(np.arange(len(ticks.turn)), np.diff(ticks.contact))
     taken = {column.name: column.taken(fields) for column in schema.CONTACT_COLUMNS if column.source}
-    return {"tick": tick, "body": fields["body"], **taken, "sticks": fields["slip"] <= STICKS}
-
-
-def stored_contacts(contacts: Columns, hands: int) -> Columns:
-    """Return the rows of /contact for contacts as the first of some hands counts them."""
-    if not contacts:
-        return {}
-    return {"tick": contacts["tick"], **pair_codes(contacts["body"], hands)} | {
-        column.name: contacts[column.name] for column in schema.CONTACT_COLUMNS if column.name not in ("tick", "a", "b")
-    }
+    return {"tick": tick, **pair_codes(fields["body"], hands), **taken, "sticks": fields["slip"] <= STICKS}

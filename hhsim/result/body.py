@@ -1,9 +1,8 @@
-"""Bodies of a result: what hands touch, each fixed, driven or free, and the contacts of the first one.
+"""Hands and bodies of a result: models, what hands touch, fixed, driven or free, and the contacts of the first one.
 
 /contact is one table for all pairs; here is what touches the first body as one hand counts, too.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -12,11 +11,41 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
+from hhsim.hand.model import HandModel
+from hhsim.mesh.mesh import Mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
-from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK
+from hhsim.result.schema import BODIES, CONTACT, HAND_BODIES, TABLE, TICK, TREE_ARRAYS, Column
+from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.result.reader import Result
+
+HAND_ARRAYS = {
+    **{name: name for name in ("base", "distal", "dorsal")},
+    **{name: f"phalanx_{name}" for name in ("length", "radius")},
+    **{name: name for name in ("flexion_min", "flexion_max", "abduction_min", "abduction_max")},
+}
+"""Fields of `HandModel`, and their datasets under `hands/NAME`."""
+
+
+def sphere_tree_of(arrays: Mapping[str, AnyArray], group: str) -> SphereTree:
+    """Return the sphere tree in the datasets of a group; InputError if they are no tree."""
+    center, radius, level, parent = (arrays[f"{group}/{name}"] for name in TREE_ARRAYS)
+    return SphereTree(center, radius, level, parent)
+
+
+def result_hand(result: "Result") -> HandModel:
+    """Build the stored hand, unchecked (`hhsim.replay.stored_scene.stored_hand` checks it); InputError for no hand."""
+    arrays = {name.removeprefix("hand/"): array for name, array in result.static.items()}
+    sizes, surface = result.scene["hand"], (arrays["palm_mesh/vertices"], arrays["palm_mesh/faces"])
+    return HandModel(
+        side=sizes["side"],
+        hand_length=sizes["length"],
+        hand_breadth=sizes["breadth"],
+        palm_mesh=Mesh(*surface, name="palm", source=str(result.path)),
+        palm_tree=sphere_tree_of(arrays, "palm_tree"),
+        **{name: np.array(arrays[stored]) for name, stored in HAND_ARRAYS.items()},
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +54,7 @@ class Body:
 
     kind: str  # fixed, driven (as recorded) or free (by the forces on it)
     static: Mapping[str, AnyArray]  # arrays of `BODY_STATIC` by name
-    columns: tuple[str, ...] = ()  # names of the datasets of its ticks, of `BODY_COLUMNS`; none where it stands still
+    columns: tuple[Column, ...] = ()  # of its ticks, of `BODY_COLUMNS`; none where it stands still
     # Mass, friction and so on in a scene with a free body; else its joint, if any.
     properties: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""  # of one that was read
@@ -41,7 +70,7 @@ class Body:
         return self.result[f"{BODIES}/{self.name}/{TICK}/{name}"]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.columns
+        return any(column.name == name for column in self.columns)
 
     @property
     def group(self) -> str:
@@ -61,7 +90,7 @@ class Body:
     @property
     def moves(self) -> bool:
         """True if it has a pose at each tick."""
-        return "position" in self.columns
+        return bool(self.columns)
 
     @property
     def vertices(self) -> FloatArray:
@@ -72,6 +101,16 @@ class Body:
     def faces(self) -> IntArray:
         """Triangles of its mesh."""
         return self.static["mesh/faces"]
+
+    @property
+    def mesh(self) -> Mesh:
+        """Mesh where it is at `place` [m], world; MeshError for arrays of no mesh."""
+        return Mesh(self.vertices, self.faces, self.name, str(self.result.path))
+
+    @property
+    def tree(self) -> SphereTree:
+        """Sphere tree where it is at `place` [m], world; InputError for arrays of no tree."""
+        return sphere_tree_of(self.static, "tree")
 
     @property
     def place(self) -> ObjectMotion:
@@ -121,25 +160,14 @@ class Contacts:
     """Columns of /contact by name; `body` is what touches the first body, as one hand counts.
 
     0 to 14 are its phalanges, finger by finger, 15 its palm, 16 to 31 those of the other hand; -1 is the table, -2 - k
-    the body of number k.
+    the body of number k. `columns` has the datasets by their paths, for a hand by its number of `hands`.
     """
 
-    def __init__(self, result: "Result") -> None:
-        self._result = result
+    def __init__(self, columns: Any, hands: int, hand: int) -> None:
+        self._columns, self._table, self._own = columns, HAND_BODIES * hands, HAND_BODIES * hand
 
     def __getitem__(self, name: str) -> AnyArray:
-        result = self._result
         if name != "body":
-            return result[f"{CONTACT}/{name}"]
-        hands = list(result.hands)
-        table, own = HAND_BODIES * len(hands), HAND_BODIES * hands.index(result.name)
-        a, b = (np.asarray(result[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
-        return np.where(a < table, (a - own) % table, table - 1 - b)
-
-
-def known_pairs(names: str, a: IntArray, b: IntArray, hands: Sequence[str], bodies: Sequence[str]) -> bool:
-    """Return True if the codes of contacts are pairs of the first body with a hand, the table or another body."""
-    table = HAND_BODIES * len(hands)
-    of_hand = (a >= 0) & (a < table) & (b == table + 1)
-    of_body = (a == table + 1) & (b >= table) & (b != table + 1) & (b <= table + len(bodies))
-    return json.loads(names) == contact_names(hands, bodies) and bool((of_hand | of_body).all())
+            return np.asarray(self._columns[f"{CONTACT}/{name}"])
+        a, b = (np.asarray(self._columns[f"{CONTACT}/{column}"], np.int64) for column in ("a", "b"))
+        return np.where(a < self._table, (a - self._own) % self._table, self._table - 1 - b)

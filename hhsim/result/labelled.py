@@ -1,17 +1,23 @@
-"""Datasets of a result with named axes and units, as a data set of xarray."""
+"""Datasets of a result with named axes and units: as a data set of xarray, or ticks as a CSV table, a line a tick."""
 
+import csv
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray
-from hhsim.errors import InputError, UnknownNameError
+from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
 from hhsim.result import schema
 from hhsim.result.schema import Column
+from hhsim.system.atomic_write import partial_file
+from hhsim.system.output_path import begins_with, check_output_path
+from hhsim.system.progress import Progress, silent
 
 if TYPE_CHECKING:
     import xarray
@@ -23,6 +29,14 @@ SIZES = {
     "force/finger": (Column("force/finger", (5,), "<f8", "N", "size of the force on each finger"), "force/phalanx"),
 }
 """Columns of force magnitudes, summed over phalanges, and the datasets that they are computed from."""
+USUAL = (
+    *("time", "input_seq", "haptic/position", "graphic/position", "force/total", "force/size", "force/finger"),
+    "force_variation_rate",
+    *("penetration_depth", "contacts/candidates", "contacts/touching"),
+    *("duration/total_cpu", "duration/total", "status", "lag"),
+)
+"""Datasets of a CSV table by default."""
+ALL = "all"
 LABELS: dict[str, Sequence[str]] = {
     "axis": "xyz",
     "quaternion": "wxyz",
@@ -94,8 +108,7 @@ def tick_columns(result: "Result") -> dict[str, Column]:
     if result.live is not None:
         known |= _prefixed(schema.LIVE_TICK, schema.LIVE_TICK_COLUMNS)
     for body in result.bodies.values():
-        of_body = (column for column in schema.BODY_COLUMNS if column.name in body)
-        known |= _prefixed(f"{body.group}/{schema.TICK}", of_body)
+        known |= _prefixed(f"{body.group}/{schema.TICK}", body.columns)
     return known
 
 
@@ -156,3 +169,50 @@ def _axes(column: Column) -> tuple[str, ...]:
     last = {3: "joint" if column.units == "rad" else "axis", 4: "quaternion", 5: "finger", 6: "wrench"}
     axes = ("finger", "point" if column.shape[1:2] == (4,) else "phalanx")[: max(len(column.shape) - 1, 0)]
     return (*axes, *(last[size] for size in column.shape[-1:]))
+
+
+def export_ticks(
+    result: "Result", path: Path, columns: Sequence[str] | None = None, progress: Progress = silent
+) -> tuple[str, ...]:
+    """Write datasets of every tick and return the headings, each with index and unit.
+
+    Args:
+        result: Complete or not.
+        path: The table; an existing one is replaced when the new one is complete.
+        columns: Names of datasets of the hand at the ticks, of `SIZES`, of live/tick of a session, of bodies at the
+            ticks; or `all`. None for the usual ones.
+
+    Raises:
+        UnknownNameError: No such dataset.
+        OutputError: It cannot be written there, the name does not end in .csv, or another file is there.
+    """
+    if path.suffix.lower() != ".csv":
+        raise OutputError(f"{path} is no name for a table: it has to end in .csv")
+    check_output_path(path, "table of ticks", begins_with(b"tick,"))
+    known = tick_columns(result)
+    wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
+    for name in wanted:
+        if name not in known:
+            raise UnknownNameError("dataset", name, known)
+        headings: list[str] = []
+    for column in (known[name] for name in wanted):
+        unit = "" if column.units in ("", "1") else f" [{column.units}]"
+        for index in itertools.product(*(range(size) for size in column.shape)):
+            place = f"[{','.join(map(str, index))}]" if index else ""
+            headings.append(f"{column.name}{place}{unit}")
+    try:
+        with partial_file(path) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(("tick", *headings))
+            first = 0
+            needed = tuple(dict.fromkeys(SIZES[name][1] if name in SIZES else name for name in wanted))
+            for block in result.blocks(needed):
+                progress("ticks", first, result.ticks)
+                # As Python's numbers: they are written with as many digits as give the same number back.
+                values = [sizes(block[SIZES[name][1]]) if name in SIZES else block[name] for name in wanted]
+                flat = [each.reshape(len(each), -1).tolist() for each in values]
+                table.writerows([tick, *itertools.chain(*row)] for tick, row in enumerate(zip(*flat), start=first))
+                first += len(flat[0])
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+    return tuple(headings)

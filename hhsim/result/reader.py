@@ -17,7 +17,7 @@ from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameE
 from hhsim.hand.model import SIDES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
-from hhsim.result.body import Body, Contacts, known_pairs
+from hhsim.result.body import Body, Contacts, contact_names
 from hhsim.result.labelled import as_dataset, coordinates, variables
 from hhsim.system.environment import UNKNOWN
 from hhsim.system.hdf5_input import DAMAGE, hdf5_format, open_hdf5, read_numbers
@@ -26,9 +26,6 @@ from hhsim.system.output_path import check_output_path
 
 if TYPE_CHECKING:
     import xarray
-
-TURNS = {column.name: column.turns for column in schema.TICK_COLUMNS if column.turns}
-"""Kind of transformation (`Column.turns`) by dataset."""
 
 _HINTS = {
     "hhsim-trajectory": " (to replay a trajectory, give an object first: hhsim replay OBJECT FILE)",
@@ -52,7 +49,9 @@ def transformed(name: str, values: AnyArray, moved: RigidMotion, *, seen: bool) 
 
     If they are to be `seen`, from the world to that frame.
     """
-    kind = TURNS.get(name)
+    group, _, part = name.partition("/")
+    points = {"position": "point", "joints": "point", "orientation": "orientation"}
+    kind = "vector" if group == "force" else points.get(part) if group in ("haptic", "graphic") else None
     if kind is None:
         return values
     whole = values if kind == "orientation" else values.reshape(*values.shape[:-1], -1, 3)
@@ -153,7 +152,7 @@ class Result:
     @cached_property
     def contacts(self) -> Contacts:
         """Contacts of the first body as this hand counts them."""
-        return Contacts(self)
+        return Contacts(self, len(self.hands), list(self.hands).index(self.name) if self.name else 0)
 
     @cached_property
     def seen_from_object(self) -> "Result":
@@ -199,7 +198,7 @@ class Result:
         if name in self.replaced:
             return np.asarray(self.replaced[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
-        if not self.from_object or name not in TURNS:
+        if not self.from_object:
             return values
         return transformed(name, values, self._poses(file, self.frame, rows).since(*self._first), seen=True)
 
@@ -283,7 +282,11 @@ class Result:
         if table.name != f"/{schema.CONTACT}":
             return min(len(column) for column in table.values())
         ticks, a, b = (np.asarray(table[name], np.int64) for name in ("tick", "a", "b"))
-        known = known_pairs(str(table.attrs["names"]), a, b, list(self.hands), list(self.bodies))
+        ground, codes = schema.HAND_BODIES * len(self.hands), contact_names(list(self.hands), list(self.bodies))
+        # The first body with a hand, the table or another body.
+        of_hand = (a >= 0) & (a < ground) & (b == ground + 1)
+        of_body = (a == ground + 1) & (b >= ground) & (b != ground + 1) & (b < len(codes))
+        known = json.loads(str(table.attrs["names"])) == codes and bool((of_hand | of_body).all())
         if (np.diff(ticks) < 0).any() or (ticks[:1] < 0).any() or not known:
             raise InputError(f"{self.path} is damaged: a contact of no tick, or of no body")
         return int(np.searchsorted(ticks, self.ticks))
@@ -396,11 +399,11 @@ def load_result(path: str | Path) -> Result:
         for body in named:
             group = file[schema.BODIES][body]
             kind, properties = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
-            own = tuple(group.get(schema.TICK, ()))
-            kinds = ("fixed", "free") if "velocity" in own else ("fixed", "driven")
-            if kind not in (("driven",) if "recorded_position" in own else kinds):
-                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
+            own = tuple(column for column in schema.BODY_COLUMNS if column.name in group.get(schema.TICK, ()))
             bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
+            kinds = ("fixed", "free") if "velocity" in bodies[body] else ("fixed", "driven")
+            if kind not in (("driven",) if "recorded_position" in bodies[body] else kinds):
+                raise DamagedFileError(f"damaged: body '{body}' does not move as its kind, {kind}, says")
         return found
 
 

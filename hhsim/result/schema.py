@@ -65,13 +65,6 @@ class Column:
     source: str = ""
 
     @property
-    def turns(self) -> str:
-        """Transformation to a moving object's frame: "point", "vector" (of 3, or of twice 3), "orientation", or ""."""
-        if self.name.startswith("force/"):
-            return "vector"
-        return {"position": "point", "joints": "point", "orientation": "orientation"}.get(self.name.split("/")[-1], "")
-
-    @property
     def known_by(self) -> str:
         """Quantity that a method must give for it, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
         return next((what for beginning, what in _KNOWN_BY.items() if self.name.startswith(beginning)), "")

@@ -87,8 +87,7 @@ class ResultWriter:
             self._tables |= {f"{group}/{table}": _Table(of) for table, of in hand.tables.items()}
         for name, body in bodies.items():
             if body.columns:
-                columns = [column for column in schema.BODY_COLUMNS if column.name in body.columns]
-                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(columns)
+                self._tables[f"{schema.BODIES}/{name}/{schema.TICK}"] = _Table(body.columns)
         if next(iter(bodies.values())).kind == "free":
             self._tables[schema.CONTACT] = _Table(schema.CONTACT_COLUMNS)
         self._complete = False

@@ -5,7 +5,7 @@ its tree alone are in the frame of the body, which `position` and `orientation` 
 say what each is, where it is in the frame of its file, and how it moves; docs/toml.md has the keys.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -24,7 +24,6 @@ from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary
-from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, as_numbers
 from hhsim.ranges import RANGES, check_range
 from hhsim.reproducible import norm, principal_axes
@@ -112,8 +111,6 @@ Coordinate = Annotated[float, between(-1000.0, 1000.0)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Keyframe = tuple[Annotated[float, between(0.0, 1e6)], Number]
 Edge = Annotated[float, between(1e-3, 10.0, "m")]
-Drive: TypeAlias = Callable[[FloatArray], ObjectMotion]
-"""Poses of a body's frame in that of its file at some times [s], shape (T,)."""
 
 
 class JointRecording(Settings, frozen=True):
@@ -332,11 +329,10 @@ class PoseFile(Settings, frozen=True):
     order: Literal["wxyz", "xyzw"] | None = None
     unit: Literal["m", "cm", "mm"] | None = None
 
-    def drive(self, position: Three, turn: FloatArray, folder: Path) -> Drive:
-        """Return the motion of a body by the poses, in a frame that a position [m] and a unit quaternion place.
+    def read(self, folder: Path) -> tuple[FloatArray, ObjectMotion]:
+        """Return stamps [s], (T,), and poses of a body in a frame that its position and orientation place.
 
-        Before the first pose and after the last one it stands. Raises InputError for poses that are missing, and
-        TrajectoryError for a file that has none.
+        Raises InputError for poses that are missing, and TrajectoryError for a file that has none.
         """
         from hhsim.recordings.object_poses import read_stamped_poses
         from hhsim.recordings.registry import ReadOptions
@@ -351,15 +347,7 @@ class PoseFile(Settings, frozen=True):
             missing = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
             if missing.any():
                 raise InputError(f"lacks the pose of row {int(np.argmax(missing))}; expected one in each row")
-
-        def drive(time: FloatArray) -> ObjectMotion:
-            at = np.clip(time, stamps[0], stamps[-1])
-            turns = interpolate_orientation(stamps, poses.orientation, at)
-            frame = RigidMotion(np.broadcast_to(turn, turns.shape), np.tile(np.array(position), (len(at), 1)))
-            places = frame.points(interpolate_monotone(stamps, poses.position, at))
-            return ObjectMotion(places, quaternion_product(frame.turn, turns))
-
-        return drive
+        return stamps, poses
 
 
 class BodySettings(Settings, frozen=True, kw_only=True):

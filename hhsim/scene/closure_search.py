@@ -28,12 +28,11 @@ from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
 from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.kernel_cache import module_digest
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.reproducible import across, dot, matmul, norm, sine_and_cosine
-from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances, make_work
+from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances
 from hhsim.scene.script import Script, ScriptPhase
 from hhsim.system.atomic_write import write_atomically
 from hhsim.trees.sphere_tree import SphereTree
@@ -124,34 +123,15 @@ def plan_finger_closure(
     Beside another hand, which comes and goes at the same time, it keeps clear of that. Raises TrajectoryError where no
     named finger reaches the object from any side, the palm cannot touch it, or no place is free beside the other hand.
     """
-    closing = _closing(script)
     if other is None:
-        closure = kept_closure(closing, hand, tree, lambda: _Search(closing, hand, tree).best())
+        closure = kept_closure(script, hand, tree, lambda: _Search(script, hand, tree).best())
     else:
-        beside = replace(closing, start_distance=script.start_distance, phases=script.phases)
-        search = _Search(beside, hand, tree, other)
+        search = _Search(script, hand, tree, other)
         closure = search.best()
         if search.gap_to_other(closure) < 0.0:
             raise TrajectoryError(f"script {script.name}: the object has no room for both hands")
     closure.require_touch(script, f"the object, {2.0 * bounding_radius(tree):.3g} m across, from any side")
     return closure
-
-
-def _closing(script: Script) -> Script:
-    """Script with only what the search depends on: without name, times, noise and places."""
-    slides = ScriptPhase("slide", 1.0, distance=script.way("slide"))
-    pushes = (ScriptPhase("push", 1.0, distance=script.way("push")),) if script.way("push") > 0.0 else ()
-    moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
-    return Script(
-        name="",
-        phases=(ScriptPhase("grasp", 1.0, fingers=script.fingers), slides, *pushes, *moves),
-        contact=script.contact,
-        depth=script.depth,
-        clearance=script.clearance,
-        palm_gap=script.palm_gap,
-        palm_depth=script.palm_depth,
-        curl=script.curl,
-    )
 
 
 def bounding_radius(tree: SphereTree) -> float:
@@ -193,10 +173,6 @@ def _leading(candidates: list[_Candidate]) -> list[_Candidate]:
     return sorted(candidates, key=lambda candidate: -round(candidate.score, 6))[:LEADERS]
 
 
-def _after(first: PlacedHand, second: PlacedHand) -> PlacedHand:
-    return PlacedHand(*map(np.concatenate, zip(first, second)))
-
-
 class _Search(Closer):
     def __init__(self, script: Script, hand: HandModel, tree: SphereTree, other: OtherHand | None = None) -> None:
         super().__init__(script, hand, tree)
@@ -233,7 +209,7 @@ class _Search(Closer):
             return replace(best, slide=self._pressing(best))
         if self.script.way("slide") == 0.0:
             return best
-        slides = [best_slide(self.script, leader.closure, self.hand, self.work.tree) for leader in leaders]
+        slides = [self._best_slide(leader.closure) for leader in leaders]
         best_score = -math.inf
         for leader, (direction, share) in zip(leaders, slides):
             if leader.score + SLIDE_WEIGHT * share > best_score + 1e-6:
@@ -294,14 +270,14 @@ class _Search(Closer):
         """Least distance to the other hand [m] as both come near, open, and close; infinite without another."""
         if self.other is None:
             return math.inf
-        coming = self._coming(self.model, closure), self._coming(*self.other)
+        coming = [self._coming(self.model, closure), self._coming(*self.other)]
         if any(phase.hand for phase in self.script.phases):
             # A phase is of one of the hands: each comes and goes beside the other one, which is closed.
             mine, other = coming
             shut, other_shut = (
                 PlacedHand(*(np.repeat(part[-1:], len(part), axis=0) for part in hand)) for hand in coming
             )
-            coming = _after(mine, shut), _after(other_shut, other)
+            coming = [PlacedHand(*map(np.concatenate, zip(*pair))) for pair in ((mine, shut), (other_shut, other))]
         return float(distance_of_hands((self.model, self.other.hand), coming).min())
 
     def _coming(self, model: HandModel, closure: FingerClosure) -> PlacedHand:
@@ -387,35 +363,32 @@ class _Search(Closer):
         mean = [np.mean(side, axis=0) for side in sides]
         return float(norm(0.5 * (mean[0] + mean[1])))
 
+    def _best_slide(self, closure: FingerClosure) -> tuple[FloatArray, float]:
+        """Find the unit direction along the palm (3,), world, in which the fingers keep hold best, and its score.
 
-def best_slide(script: Script, closure: FingerClosure, hand: HandArrays, tree: TreeArrays) -> tuple[FloatArray, float]:
-    """Find the unit direction along the palm (3,), world, in which the fingers keep hold best, and its score.
-
-    The score is 1 where nothing changes on the way, lower the more it does; `closure` is the hand before the slide.
-    """
-    work = make_work(hand, tree)
-    reached = [FINGERS.index(name) for name in closure.reached]
-    if not reached:
-        return closure.rotation[:, 0].copy(), 0.0
-    before = _finger_depth(closure.distance)[reached]
-    start = closure.position - script.palm_depth * closure.back
-    best, best_score = closure.rotation[:, 0], -math.inf
-    for k in range(DIRECTIONS):
-        sine, cosine = sine_and_cosine(2.0 * math.pi * k / DIRECTIONS)
-        direction = cosine * closure.rotation[:, 0] + sine * closure.rotation[:, 1]
-        score = 0.0
-        for station in STATIONS:
-            place = start + station * script.way("slide") * direction
-            near = body_distances(place, closure.rotation, closure.command, closure.abduction, work)
-            depth = _finger_depth(near)[reached]
-            change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
-            score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))
-            if (near[PALM_BODY] < 0.0) != (script.palm_depth > 0.0):
-                score -= 1.0
-        # Only a real difference turns the slide away from the palm's own axes.
-        if score / len(STATIONS) > best_score + 1e-6:
-            best, best_score = direction, score / len(STATIONS)
-    return best.copy(), best_score
+        The score is 1 where nothing changes on the way, lower the more it does; `closure` is the hand before the slide.
+        """
+        script, rotation = self.script, closure.rotation
+        reached = [FINGERS.index(name) for name in closure.reached]
+        best, best_score = rotation[:, 0], -math.inf if reached else 0.0
+        before = _finger_depth(closure.distance)[reached]
+        start = closure.position - script.palm_depth * closure.back
+        for k in range(DIRECTIONS) if reached else ():
+            sine, cosine = sine_and_cosine(2.0 * math.pi * k / DIRECTIONS)
+            direction = cosine * rotation[:, 0] + sine * rotation[:, 1]
+            score = 0.0
+            for station in STATIONS:
+                place = start + station * script.way("slide") * direction
+                near = body_distances(place, rotation, closure.command, closure.abduction, self.work)
+                depth = _finger_depth(near)[reached]
+                change = np.abs(depth - before) / max(script.depth, HOLDING_DEPTH)
+                score += float(np.mean(np.clip(depth / HOLDING_DEPTH, -1.0, 1.0) - 0.5 * np.minimum(change, 2.0)))
+                if (near[PALM_BODY] < 0.0) != (script.palm_depth > 0.0):
+                    score -= 1.0
+            # Only a real difference turns the slide away from the palm's own axes.
+            if score / len(STATIONS) > best_score + 1e-6:
+                best, best_score = direction, score / len(STATIONS)
+        return best.copy(), best_score
 
 
 def _finger_depth(distance: FloatArray) -> FloatArray:
@@ -459,8 +432,14 @@ def kept_closure(
 
 
 def closure_key(script: Script, hand: HandModel, tree: SphereTree) -> str:
-    """Return a digest of what a search depends on: the script, and every array of hand and tree."""
-    digest = hashlib.blake2b(f"{SEARCH_VERSION} {script!r}".encode(), digest_size=16)
+    """Return a digest of what a search depends on: every array of hand and tree, and the script without its rest."""
+    slides = ScriptPhase("slide", 1.0, distance=script.way("slide"))
+    pushes = (ScriptPhase("push", 1.0, distance=script.way("push")),) if script.way("push") > 0.0 else ()
+    moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
+    phases = (ScriptPhase("grasp", 1.0, fingers=script.fingers), slides, *pushes, *moves)
+    names = ("contact", "depth", "clearance", "palm_gap", "palm_depth", "curl")
+    searched = Script(name="", phases=phases, **{name: getattr(script, name) for name in names})
+    digest = hashlib.blake2b(f"{SEARCH_VERSION} {searched!r}".encode(), digest_size=16)
     for values in (*hand.arrays(), *tree.arrays()):
         digest.update(np.asarray(values).tobytes())
     return digest.hexdigest()

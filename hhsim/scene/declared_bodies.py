@@ -20,6 +20,7 @@ from hhsim.mesh.catalogue import BODIES, MESH_LEVEL, OF_BODIES, names_a_body_fil
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import held_rows, placed_mesh
+from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickInput, Trajectory
 from hhsim.reproducible import matmul
 from hhsim.scene.body import (
@@ -29,7 +30,6 @@ from hhsim.scene.body import (
     BodyFile,
     BodyMotion,
     BodySettings,
-    Drive,
     Driven,
     Fixed,
     Free,
@@ -63,7 +63,8 @@ class DeclaredBodies:
     settings: tuple[BodySettings, ...]  # with the motions of joints read
     meshes: Mapping[str, Mesh]  # of each body but a plane, by its name
     trees: Mapping[str, SphereTree] = field(default_factory=dict)
-    drives: Mapping[str, Drive] = field(default_factory=dict)  # of the bodies that go by their poses
+    # Stamps [s] and poses of the bodies that go by those of a file, as `PoseFile.read`.
+    drives: Mapping[str, tuple[FloatArray, ObjectMotion]] = field(default_factory=dict)
     level: int = MESH_LEVEL  # usual one of a tree
     began: float = 0.0  # time [s] of the motions at the first tick
 
@@ -88,7 +89,7 @@ class DeclaredBodies:
     @cached_property
     def mesh(self) -> Mesh:
         """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
-        held = [(self.meshes[body.name], self._begin[body.name]) for body in self.object_bodies]
+        held = [(self.meshes[body.name], self.begin[body.name]) for body in self.object_bodies]
         if len(held) > 1:
             return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
         ((mesh, pose),) = held
@@ -97,7 +98,7 @@ class DeclaredBodies:
     @cached_property
     def tree(self) -> SphereTree:
         """Sphere tree of the object, over the leaves of all of it, where it begins in the frame of the file [m]."""
-        held = [(self.trees[body.name], self._begin[body.name]) for body in self.object_bodies]
+        held = [(self.trees[body.name], self.begin[body.name]) for body in self.object_bodies]
         about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solids) > 1 else {}
         if len(held) == 1:
             ((tree, pose),) = held
@@ -141,15 +142,21 @@ class DeclaredBodies:
 
     def _relative(self, body: BodySettings, time: FloatArray) -> ObjectMotion:
         """Return the poses of a body in the frame of the one that bears it, or of the file."""
-        if body.name in self.drives:
-            return self.drives[body.name](time)
         place, joint = np.array(body.position), body.joint
         if joint is not None and (joint.is_driven or joint.start):
             return joint.poses(place, body.turn, joint.values(time))
-        return ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
+        still = ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
+        if body.name not in self.drives:
+            return still
+        # Before the first pose and after the last one it stands.
+        stamps, poses = self.drives[body.name]
+        at = np.clip(time, stamps[0], stamps[-1])
+        turns = interpolate_orientation(stamps, poses.orientation, at)
+        return composed(still, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
 
     @cached_property
-    def _begin(self) -> dict[str, ObjectMotion]:
+    def begin(self) -> dict[str, ObjectMotion]:
+        """Poses at the first tick, as of `path`."""
         return self.path(np.zeros(1))
 
     def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
@@ -164,16 +171,12 @@ class DeclaredBodies:
         steps = (len(time), 1)
         frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
         path = self.path(time)
-        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
+        # A body whose frame is the file's goes as the recording has it, without rounding.
+        poses = {name: carrier or frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
         if carrier is not None:
             along = carrier.since(carrier.position[0], carrier.orientation[0])
-            # A body whose frame is the file's goes as the recording has it, without rounding.
-            poses = {
-                name: carrier
-                if _is_still(path[name])
-                else ObjectMotion(along.points(own.position), along.orientations(own.orientation))
-                for name, own in poses.items()
-            }
+            moved = ObjectMotion(along.shift, along.turn)
+            poses |= {name: composed(moved, poses[name]) for name, own in path.items() if not _is_still(own)}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solids:
             driven: BodyMotion = Fixed()
@@ -254,8 +257,7 @@ def _is_still(poses: ObjectMotion) -> bool:
 
 def _require_apart(bodies: DeclaredBodies) -> None:
     """Raise InputError for bodies that begin inside each other."""
-    begin = bodies.path(np.zeros(1))
-    solids = {name: Solid(mesh.transformed(*_place(begin[name]))) for name, mesh in bodies.meshes.items()}
+    solids = {name: Solid(mesh.transformed(*_place(bodies.begin[name]))) for name, mesh in bodies.meshes.items()}
     joined = {frozenset((body.name, body.bearer)) for body in bodies.solids if body.bearer}
     for (one, solid), (other, its) in combinations(solids.items(), 2):
         hinged = frozenset((one, other)) in joined
@@ -282,7 +284,7 @@ def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodi
                 joints[name] = joints[name].moved(keyframes)
         settings = BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
-        drives = {body.name: body.poses.drive(body.position, body.turn, path.parent) for body in settings if body.poses}
+        drives = {body.name: body.poses.read(path.parent) for body in settings if body.poses}
     return DeclaredBodies(path.stem, settings, meshes, drives=drives)
 
 

@@ -107,6 +107,26 @@ class Closer:
             distance=distances,
         )
 
+    def opened(self, placement: Placement) -> FloatArray:
+        """Return the flexion of the open hand at a place [rad], shape (5, 3)."""
+        wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
+        return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
+
+    def close(
+        self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
+    ) -> FingerClosure:
+        """Close the fingers with the palm at a place; open if `clear` refuses position, rotation and open flexion."""
+        rotation = rotation_matrix(placement.orientation)
+        position, back = placement.position, placement.back
+        opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
+        if self.script.palm_depth > 0.0:
+            start = position + PALM_WAY * back
+            gap, limit = np.zeros(BODY_COUNT), 2.0 * PALM_WAY
+            travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
+            position = start - travel * back
+        fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
+        return self.closed((position, rotation, back), opened, abduction, placement.slide, fingers)
+
 
 def closure_rates(curl: float) -> FloatArray:
     """Return the rate of each joint as a finger closes, shape (5, 3)."""
@@ -167,27 +187,3 @@ def _is_of(name: str, tree: SphereTree) -> bool:
     if name in body_file_names():
         return bool(tree.options.get(OF_BODIES) == name)
     return bool(tree.mesh_sha256) and object_description(name)["sha256"] == tree.mesh_sha256
-
-
-class PlacedCloser(Closer):
-    """Closes a script's hand on an object, at any number of placements."""
-
-    def opened(self, placement: Placement) -> FloatArray:
-        """Return the flexion of the open hand at a place [rad], shape (5, 3)."""
-        wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
-        return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
-
-    def close(
-        self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
-    ) -> FingerClosure:
-        """Close the fingers with the palm at a place; open if `clear` refuses position, rotation and open flexion."""
-        rotation = rotation_matrix(placement.orientation)
-        position, back = placement.position, placement.back
-        opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
-        if self.script.palm_depth > 0.0:
-            start = position + PALM_WAY * back
-            gap, limit = np.zeros(BODY_COUNT), 2.0 * PALM_WAY
-            travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
-            position = start - travel * back
-        fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        return self.closed((position, rotation, back), opened, abduction, placement.slide, fingers)

@@ -4,8 +4,6 @@ In a `carry` hand and object move together. In a lift, a move, a shake and a tur
 object follows as friction has it.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -16,7 +14,7 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix
 from hhsim.motion.trajectory import ObjectMotion, Phase, RigidMotion, Trajectory
 from hhsim.reproducible import sine_and_cosine
 from hhsim.scene.closure_search import OtherHand, level, plan_finger_closure
-from hhsim.scene.finger_closure import FingerClosure, PlacedCloser, find_placement
+from hhsim.scene.finger_closure import Closer, FingerClosure, find_placement
 from hhsim.scene.script import DEFAULT_FINGERS, TAKE_ALONG, Placement, Script, ScriptPhase
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -39,69 +37,10 @@ def to_and_fro(share: ArrayLike, cycles: float) -> FloatArray:
     return np.asarray(sine_and_cosine(np.pi * tau)[0] ** 2 * sine_and_cosine(2.0 * np.pi * cycles * tau)[0])
 
 
-def phase_shares(script: Script, time: FloatArray) -> Iterator[tuple[ScriptPhase, float, FloatArray]]:
-    """Yield each phase, its start [s], and its share that is over at each sample: below 0 before, above 1 after it.
-
-    A sample at the end of a phase has a share of exactly 1, whatever rounding makes of its stamp: a hold stands still.
-    """
-    start = 0.0
-    for phase in script.phases:
-        share = (time - start) / phase.duration
-        share[np.abs(share - 1.0) < END] = 1.0
-        yield phase, start, np.asarray(share)
-        start += phase.duration
-
-
-def carried(script: Script, time: FloatArray, start: FloatArray) -> RigidMotion | None:
-    """Compute the common motion of hand and object in the carries of a script; None without a carry.
-
-    `time` [s] has shape (T,); `start` is the origin of the object before the first arc [m], shape (3,).
-    """
-    if not script.has("carry"):
-        return None
-    heading, zeros, place = np.zeros(len(time)), np.zeros(len(time)), np.tile(start, (len(time), 1))
-    for phase, _, share in phase_shares(script, time):
-        if phase.name == "carry":
-            # Every later sample stands at the end of the arc, until another arc goes on from there.
-            first, turned = heading[-1], phase.turn * minimum_jerk(share)
-            # Chord and middle heading of the arc so far; a straight line has no half turn to divide by.
-            half = 0.5 * turned
-            straight = half == 0.0
-            ratio = np.where(straight, 1.0, sine_and_cosine(half)[0] / np.where(straight, 1.0, half))
-            chord = phase.distance * minimum_jerk(share) * ratio
-            sine, cosine = sine_and_cosine(first + half)
-            place = place + chord[:, None] * np.stack([cosine, sine, zeros], axis=1)
-            heading = heading + turned
-    return _about(np.stack([zeros, zeros, heading], axis=1), np.broadcast_to(start, place.shape), place)
-
-
-def taken_along(script: Script, time: FloatArray, rotation: FloatArray, middle: FloatArray) -> RigidMotion | None:
-    """Compute the motion of the hand in the lifts, moves, shakes and turns of a script; None without any.
-
-    A lift goes straight up, a shake goes across the palm, and a turn is about the direction of the fingers through the
-    middle [m], shape (3,), of the object at rest; the last two directions are made level. `rotation` is of the closed
-    hand, palm to world, shape (3, 3).
-    """
-    if not script.has(*TAKE_ALONG):
-        return None
-    across, ahead = level(rotation[:, 0], rotation[:, 1]), level(rotation[:, 1], rotation[:, 0])
-    place, angle = np.tile(middle, (len(time), 1)), np.zeros(len(time))
-    for phase, _, share in phase_shares(script, time):
-        if phase.name == "lift":
-            place = place + (phase.distance * minimum_jerk(share))[:, None] * [0.0, 0.0, 1.0]
-        elif phase.name == "move":
-            place = place + minimum_jerk(share)[:, None] * phase.way
-        elif phase.name == "shake":
-            place = place + (phase.distance * to_and_fro(share, phase.cycles))[:, None] * across
-        elif phase.name == "turn":
-            angle = angle + phase.turn * minimum_jerk(share)
-    return _about(angle[:, None] * ahead, np.broadcast_to(middle, place.shape), place)
-
-
 def _about(angle: FloatArray, pivot: FloatArray, place: FloatArray) -> RigidMotion:
-    """Rotation by vectors [rad] about a pivot that moves to a place; one row a sample."""
+    """Rotation by vectors [rad] about a pivot (3,) that moves to a place; one row a sample."""
     turn = quaternion(angle)
-    return RigidMotion(turn, place - RigidMotion(turn, np.zeros_like(place)).points(np.ascontiguousarray(pivot)))
+    return RigidMotion(turn, place - RigidMotion(turn, np.zeros_like(place)).points(np.tile(pivot, (len(turn), 1))))
 
 
 def synthesize(
@@ -120,20 +59,18 @@ def synthesize(
     """
     closure = planned(script, hand, tree, placement, other)
     time = np.arange(script.sample_count) / script.rate
-    course = _Course(script, time, hand.side)
+    # Two hands take what they hold along as the first one goes.
+    leading = closure if other is None else other.closure
+    course = Course(script, time, hand.side, leading.rotation, tree.bounds.mean(axis=0))
     position = closure.position + course.retreat[:, None] * closure.back + course.slide[:, None] * closure.slide
     command = closure.command + course.ease[:, None, None] * (closure.contact - closure.command)
     flexion = closure.open + course.closure[:, :, None] * (command - closure.open)
     orientation = np.tile(quaternion_from_matrix(closure.rotation), (len(time), 1))
     position, orientation, flexion = script.disturbance.apply(seed, time, position, orientation, flexion)
-    # Two hands take what they hold along as the first one goes.
-    leading = closure if other is None else other.closure
-    taken = taken_along(script, time, leading.rotation, tree.bounds.mean(axis=0))
-    if taken is not None:
+    if (taken := course.taken) is not None:
         position, orientation = taken.points(position), taken.orientations(orientation)
-    moved = carried(script, time, np.zeros(3))
     object_motion = None
-    if moved is not None:
+    if (moved := course.carried) is not None:
         position, orientation = moved.points(position), moved.orientations(orientation)
         place, turn = np.zeros((len(time), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))
         object_motion = ObjectMotion(moved.points(place), moved.orientations(turn))
@@ -172,39 +109,81 @@ def planned(
         placement = find_placement(script, hand, tree)
     if placement is None:
         return plan_finger_closure(script, hand, tree, other)
-    closure = PlacedCloser(script, hand, tree).close(placement)
+    closure = Closer(script, hand, tree).close(placement)
     closure.require_touch(script, "the object from its place")
     return closure
 
 
-class _Course:
-    """Retreat, slide, closure and easing of a hand at each sample, and the phases."""
+class Course:
+    """Motion of a hand by a script at each sample, time [s] of shape (T,), and the phases.
 
-    def __init__(self, script: Script, time: FloatArray, side: Side) -> None:
-        self.retreat = np.full(len(time), script.start_distance)
-        self.slide, self.ease = np.zeros(len(time)), np.zeros(len(time))
-        self.closure = np.zeros((len(time), len(FINGERS)))
+    Attributes:
+        retreat, slide, closure, ease: Of the hand, from and to the object at rest.
+        carried: Common motion of hand and object in the carries; None without a carry.
+        taken: Motion of the hand in the lifts, moves, shakes and turns; None without any. A lift goes straight up, a
+            shake across the palm, and a turn is about the direction of the fingers through the middle [m], shape (3,),
+            of the object at rest; the last two directions are made level. `rotation` is of the closed hand, palm to
+            world, shape (3, 3).
+    """
+
+    def __init__(self, script: Script, time: FloatArray, side: Side, rotation: FloatArray, middle: FloatArray) -> None:
+        count = len(time)
+        self.retreat = np.full(count, script.start_distance)
+        self.slide, self.ease = np.zeros(count), np.zeros(count)
+        self.closure = np.zeros((count, len(FINGERS)))
         self.phases: tuple[Phase, ...] = ()
-        for phase, start, share in phase_shares(script, time):
+        self._heading, self._arc = np.zeros(count), np.zeros((count, 3))
+        self._angle, self._place = np.zeros(count), np.tile(middle, (count, 1))
+        self._across, ahead = level(rotation[:, 0], rotation[:, 1]), level(rotation[:, 1], rotation[:, 0])
+        start = 0.0
+        for phase in script.phases:
+            # Below 0 before, above 1 after it. A sample at the end has a share of exactly 1, whatever rounding makes of
+            # its stamp: a hold stands still.
+            share = (time - start) / phase.duration
+            share[np.abs(share - 1.0) < END] = 1.0
             if phase.hand in (None, side):
                 self._play(script, phase, share)
             self.phases += (Phase(phase.name, start, start + phase.duration),)
+            start += phase.duration
+        upright = np.stack([np.zeros(count), np.zeros(count), self._heading], axis=1)
+        self.carried = _about(upright, np.zeros(3), self._arc) if script.has("carry") else None
+        self.taken = _about(self._angle[:, None] * ahead, middle, self._place) if script.has(*TAKE_ALONG) else None
 
     def _play(self, script: Script, phase: ScriptPhase, share: FloatArray) -> None:
+        way = minimum_jerk(share)
         if phase.name == "approach":
-            self._move(self.retreat, -script.palm_depth, minimum_jerk(share))
+            self._move(self.retreat, -script.palm_depth, way)
         elif phase.name in DEFAULT_FINGERS:
             closed = np.array([float(finger in phase.fingers) for finger in FINGERS])
-            self._move(self.closure, closed, minimum_jerk(share)[:, None])
-            self._move(self.ease, 0.0, minimum_jerk(share))
+            self._move(self.closure, closed, way[:, None])
+            self._move(self.ease, 0.0, way)
         elif phase.name in ("slide", "push"):
-            self.slide += phase.distance * minimum_jerk(share)
+            self.slide += phase.distance * way
         elif phase.name == "slip":
-            self._move(self.ease, 1.0, minimum_jerk(share))
+            self._move(self.ease, 1.0, way)
         elif phase.name == "release":
             self._move(self.closure, np.zeros(len(FINGERS)), minimum_jerk(share / RELEASE_OPENING)[:, None])
             going = minimum_jerk((share - 1.0 + RELEASE_OPENING) / RELEASE_OPENING)
             self._move(self.retreat, script.start_distance, going)
+        elif phase.name == "carry":
+            # Every later sample stands at the end of the arc, until another arc goes on from there.
+            turned = phase.turn * way
+            # Chord and middle heading of the arc so far; a straight line has no half turn to divide by.
+            half = 0.5 * turned
+            straight = half == 0.0
+            ratio = np.where(straight, 1.0, sine_and_cosine(half)[0] / np.where(straight, 1.0, half))
+            sine, cosine = sine_and_cosine(self._heading[-1] + half)
+            direction = np.stack([cosine, sine, np.zeros(len(share))], axis=1)
+            self._arc += (phase.distance * way * ratio)[:, None] * direction
+            self._heading += turned
+        elif phase.name == "lift":
+            self._place += (phase.distance * way)[:, None] * [0.0, 0.0, 1.0]
+        elif phase.name == "move":
+            self._place += way[:, None] * phase.way
+        elif phase.name == "shake":
+            self._place += (phase.distance * to_and_fro(share, phase.cycles))[:, None] * self._across
+        elif phase.name == "turn":
+            self._angle += phase.turn * way
 
     @staticmethod
     def _move(values: FloatArray, target: ArrayLike, share: FloatArray) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.result.body import HAND_ARRAYS
 from hhsim.result.reader import Result
-from hhsim.result.stored_hand import HAND_ARRAYS
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -15,7 +15,6 @@ from hhsim.replay.stored_scene import stored_hand
 from hhsim.result.reader import Result
 from hhsim.result.safety import why_free_or_held
 from hhsim.result.schema import LIVE_EVENT, LIVE_TICK
-from hhsim.result.stored_hand import sphere_tree_of
 from hhsim.solver.options import TOUCH
 from hhsim.system.progress import Progress, silent
 from hhsim.view import plots
@@ -140,7 +139,7 @@ def shown_scene(result: Result, *, spheres: bool = False) -> ShownScene:
     used = solver.get("fingers", FINGERS)
     return ShownScene(
         mesh=bodies_mesh(result),
-        tree=sphere_tree_of(result.body.static, "tree"),
+        tree=result.body.tree,
         hand=stored_hand(result),
         fingers=np.array([finger in used for finger in FINGERS]),
         touch=float(solver.get("touch", TOUCH)),

@@ -42,7 +42,7 @@ READ_ALL_THE_SAME = {
 WRITERS = {
     "hhsim/system/atomic_write.py": "the writers that all others use",
     "hhsim/result/writer.py": "a result grows in a file that was not there",
-    "hhsim/result/csv_export.py": "into a partial file",
+    "hhsim/result/labelled.py": "into a partial file",
     "hhsim/submissions/scene_folder.py": "into a new folder",
     "hhsim/kernels/kernel_cache.py": "a kernel beside its own, whose place it takes when it is whole",
     "hhsim/sweep/repair_batch.py": "the null device",

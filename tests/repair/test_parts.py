@@ -34,8 +34,8 @@ from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.skin_depth import push_out, skin_depth
 from hhsim.repair.tracks import repair_frames
+from hhsim.result.body import result_hand
 from hhsim.result.reader import Result, load_result
-from hhsim.result.stored_hand import result_hand
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script

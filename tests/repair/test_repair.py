@@ -26,8 +26,8 @@ from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
 from hhsim.repair.tracks import repair_frames
+from hhsim.result.body import result_hand
 from hhsim.result.reader import load_result
-from hhsim.result.stored_hand import result_hand
 from hhsim.scene.scene import open_scene
 from hhsim.sweep.repair_batch import BatchOutcome
 from hhsim.table.table import Table

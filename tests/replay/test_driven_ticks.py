@@ -59,19 +59,21 @@ def test_the_result_is_that_of_the_fixed_object_moved(runs: tuple[Result, Result
     fixed, driven = runs
     moved = swing(np.asarray(fixed["time"]))
     ways: dict[str, Callable[[Any], Any]] = {
-        "point": moved.points,
-        "vector": moved.vectors,
-        "orientation": moved.orientations,
-        "": lambda values: values,
+        "graphic/position": moved.points,
+        "graphic/joints": moved.points,
+        "graphic/orientation": moved.orientations,
+        "haptic/position": moved.points,
+        "haptic/orientation": moved.orientations,
+        **{column.name: moved.vectors for column in MEASURED if column.name.startswith("force/")},
     }
     assert driven.frame and not fixed.frame
     assert np.asarray(fixed["contacts/touching"]).max() > 5
     for column in MEASURED:
         values = np.asarray(fixed[column.name])
         shape = values.shape
-        if column.turns in ("point", "vector"):
-            values = values.reshape(len(values), -1, 3)
-        expected = ways[column.turns](values).reshape(shape)
+        if (way := ways.get(column.name)) is not None:
+            values = way(values if shape[-1] == 4 else values.reshape(len(values), -1, 3))
+        expected = values.reshape(shape)
         np.testing.assert_allclose(driven[column.name], expected, atol=EQUAL, rtol=0.0, err_msg=column.name)
 
 

@@ -15,7 +15,7 @@ from hhsim.gate.gate import gate_result
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.replay.repeat import run_again
 from hhsim.report.sections import posed_result
-from hhsim.result.csv_export import export_ticks
+from hhsim.result.labelled import export_ticks
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.summary import RepeatedTime, repeated_times
+from hhsim.replay.summary import RepeatedTime, repeated_document, stored_times
 from hhsim.replay.summary_table import SummaryRow
 
 
@@ -16,7 +16,7 @@ def taking(*seconds: float) -> dict[str, RepeatedTime]:
     figures = run_metrics()
     same = [SummaryRow(figures[name], 1e-4) for name in ("tick_cpu_p99", "penetration_max")]
     runs: list[Any] = [SimpleNamespace(rows=(SummaryRow(figures["tick_cpu_p50"], s), *same)) for s in seconds]
-    return {time.row.name: time for time in repeated_times(runs)}
+    return {time.row.name: time for time in stored_times(repeated_document(runs), runs[-1].rows)}
 
 
 def test_mean_and_deviation_are_those_of_the_runs() -> None:

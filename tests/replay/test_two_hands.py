@@ -19,7 +19,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.metrics.metrics import distance_of_hands
-from hhsim.replay.replay import TwoHandedReplay, replay_two_hands
+from hhsim.replay.replay import Replay
 from hhsim.result.reader import Result, load_hand, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
@@ -27,6 +27,7 @@ from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, require_one_object, tree_maker
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import SceneSolver
 
 HANDS = HandModel.default("right"), HandModel.default("left")
 SCRIPT = shortened(load_script("grasp"), 0.7)
@@ -47,12 +48,21 @@ def scene() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def both(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> TwoHandedReplay:
-    return replay_two_hands(scene, SolverOptions(), tmp_path_factory.mktemp("both") / "both.h5", command=("hhsim",))
+def both(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Replay:
+    run = Replay(SceneSolver(scene, SolverOptions()))
+    run.into(tmp_path_factory.mktemp("both") / "both.h5", ("hhsim",))
+    return run
 
 
-def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_path: Path) -> None:
-    hands = load_result(both.path).hands
+@pytest.fixture(scope="module")
+def stored(both: Replay) -> Path:
+    path = both.hands[0].path
+    assert path is not None
+    return path
+
+
+def test_each_hand_is_as_it_is_alone(stored: Path, scene: Scene, tmp_path: Path) -> None:
+    hands = load_result(stored).hands
     assert list(hands) == ["right", "left"]
     for hand, (name, found) in enumerate(hands.items()):
         alone = result_of(of_hand(scene, hand), tmp_path / f"{name}.h5")
@@ -64,44 +74,44 @@ def test_each_hand_is_as_it_is_alone(both: TwoHandedReplay, scene: Scene, tmp_pa
         assert found["contacts/touching"].max() > 0
 
 
-def test_one_file_holds_both_and_nothing_is_left_beside_it(both: TwoHandedReplay) -> None:
-    assert [path.name for path in both.path.parent.iterdir()] == ["both.h5"]
-    with h5py.File(both.path) as file:
+def test_one_file_holds_both_and_nothing_is_left_beside_it(stored: Path) -> None:
+    assert [path.name for path in stored.parent.iterdir()] == ["both.h5"]
+    with h5py.File(stored) as file:
         assert file.attrs["complete"] == 1 and file.attrs["schema_version"] == SCHEMA_VERSION
         assert json.loads(file.attrs["command"]) == ["hhsim"]
         assert set(file["hands"]) == {"right", "left"} and len(file["bodies"]) == 1
-    assert bare_datasets(both.path) == []
-    found = load_result(both.path)
+    assert bare_datasets(stored) == []
+    found = load_result(stored)
     assert (found.name, list(found.hands), found.hands["left"].other) == ("", ["right", "left"], found.hands["right"])
     with pytest.raises(InputError, match=r"both\.h5 holds two hands: force/total is that of \.hands"):
         found["force/total"]
     with pytest.raises(InputError, match=r"both\.h5 holds two hands: --hand right or --hand left names one"):
-        load_hand(both.path)
+        load_hand(stored)
 
 
-def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: TwoHandedReplay) -> None:
-    results: list[Result] = list(load_result(both.path).hands.values())
+def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: Replay, stored: Path) -> None:
+    results: list[Result] = list(load_result(stored).hands.values())
     names = ("graphic/joints", "graphic/position", "graphic/orientation")
     placed = [PlacedHand(*(one[name] for name in names)) for one in results]
     apart = distance_of_hands(HANDS, placed)
-    with h5py.File(both.path) as file:
+    with h5py.File(stored) as file:
         np.testing.assert_array_equal(file["tick/between/graphic"], apart)
         assert {f"between/{name}" for name in file["tick/between"]} == {column.name for column in BETWEEN_COLUMNS}
-    assert both.graphic_distance == apart.min() > 0.0 and both.haptic_distance > 0.0
+    assert both.of_both["graphic_distance"] == apart.min() > 0.0 and both.of_both["haptic_distance"] > 0.0
     assert "µs" in both.note and "come within" in both.note
 
 
-def test_both_hands_are_an_axis_of_a_data_set(both: TwoHandedReplay) -> None:
+def test_both_hands_are_an_axis_of_a_data_set(stored: Path) -> None:
     pytest.importorskip("xarray")
-    found = load_result(both.path)
+    found = load_result(stored)
     made = found.to_xarray()
     for name, hand in found.hands.items():
         np.testing.assert_array_equal(made["force/total"].sel(hand=name), hand["force/total"])
     assert made["between/graphic"].dims == ("time",)
 
 
-def test_a_stopped_run_has_the_phases_that_it_came_to(both: TwoHandedReplay, tmp_path: Path) -> None:
-    path = shutil.copy(both.path, tmp_path / "stopped.h5")
+def test_a_stopped_run_has_the_phases_that_it_came_to(stored: Path, tmp_path: Path) -> None:
+    path = shutil.copy(stored, tmp_path / "stopped.h5")
     with h5py.File(path, "r+") as file:
         file.attrs["complete"] = 0
         file["tick/time"].resize(5, axis=0)
@@ -149,15 +159,15 @@ def test_two_hands_without_a_world_keep_their_distance(origin: float, tmp_path: 
     assert np.linalg.norm(right.position, axis=1).max() < 2.0  # type: ignore[union-attr]
 
 
-def test_a_result_of_two_hands_is_a_motion_of_both(both: TwoHandedReplay) -> None:
-    motions = two_handed_motions(str(both.path))
-    for motion, found in zip(motions, load_result(both.path).hands.values()):
+def test_a_result_of_two_hands_is_a_motion_of_both(stored: Path) -> None:
+    motions = two_handed_motions(str(stored))
+    for motion, found in zip(motions, load_result(stored).hands.values()):
         np.testing.assert_array_equal(motion.position, found["haptic/position"])  # type: ignore[union-attr]
     with pytest.raises(TrajectoryError, match="is of one hand"):
         two_handed_motions("finger-tap")
 
 
-def test_hands_that_do_not_belong_together_are_refused(scene: Scene, tmp_path: Path) -> None:
+def test_hands_that_do_not_belong_together_are_refused(scene: Scene) -> None:
     right, left = scene.hands
     shorter = replace(left, ticks=left.ticks.first(10))
     for given, said in (
@@ -169,6 +179,3 @@ def test_hands_that_do_not_belong_together_are_refused(scene: Scene, tmp_path: P
     elsewhere = left.trajectory.placed([0.1, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="the same object"):
         require_one_object([right.trajectory, elsewhere])
-    with pytest.raises(InputError, match="expected right and left hand"):
-        replay_two_hands(of_hand(scene, 0), SolverOptions(), tmp_path / "out.h5")
-    assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ import pytest
 from short_grasp import short_result
 
 from hhsim.errors import InputError, OutputError
-from hhsim.result.csv_export import ALL, USUAL, export_ticks
+from hhsim.result.labelled import ALL, USUAL, export_ticks
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 

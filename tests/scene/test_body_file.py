@@ -125,7 +125,7 @@ def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_pat
     np.save(tmp_path / "wall.npy", rows)
     given = TWO.replace("fixed = true", 'poses = { file = "wall.npy", rate = 30.0, unit = "m" }')
     word = written(tmp_path, given.replace("[0.2, 0.0, 0.05]", "[0.0, 0.0, 0.05]"))
-    found = load_object(word, solid=False).drives["wall"](np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    found = load_object(word, solid=False).path(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))["wall"]
     np.testing.assert_allclose(found.position, [[x, 0.0, 0.05] for x in (0.2, 0.2, 0.25, 0.3, 0.3)], atol=1e-9)
     turned = 2.0 * np.arctan2(found.orientation[:, 3], found.orientation[:, 0])
     np.testing.assert_allclose(turned, [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)

@@ -14,7 +14,7 @@ from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import ScriptPhase, parse_script
-from hhsim.scene.synthesis import synthesize, taken_along, to_and_fro
+from hhsim.scene.synthesis import Course, synthesize, to_and_fro
 
 HAND = HandModel.default()
 
@@ -146,7 +146,7 @@ def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middl
     time = np.arange(2001) / 1000.0
     # The palm looks down, its fingers along y and a little up.
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])
-    moved = taken_along(script, time, tilt, MIDDLE)
+    moved = Course(script, time, "right", tilt, MIDDLE).taken
     assert moved is not None
     middle = moved.points(np.tile(MIDDLE, (len(time), 1))) - MIDDLE
     np.testing.assert_allclose(middle[500], [0.0, 0.0, 0.1], atol=1e-12)
@@ -156,7 +156,7 @@ def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middl
     turn = rotation_matrix(moved.turn[-1])
     np.testing.assert_allclose(turn @ [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(turn[0, 0], np.cos(0.8), atol=1e-12)
-    assert taken_along(load_script("grasp"), time, tilt, MIDDLE) is None
+    assert Course(load_script("grasp"), time, "right", tilt, MIDDLE).taken is None
 
 
 def test_a_phase_of_one_hand_leaves_the_other_where_it_is() -> None:

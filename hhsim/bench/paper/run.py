@@ -35,7 +35,7 @@ from hhsim.motion.trajectory import TickInput, Trajectory
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.summary import TREMOR, trembling_hold
 from hhsim.scene.contact_goals import TOUCHING, Touch, touch_distances
-from hhsim.scene.finger_closure import PlacedCloser, body_distances
+from hhsim.scene.finger_closure import Closer, body_distances
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Placement, Script
 from hhsim.scene.synthesis import planned, synthesize
@@ -192,7 +192,7 @@ def _instance(
 def _places(scenario: Scenario, script: Script, hand: HandModel, tree: SphereTree, seed: int) -> Iterator[Placement]:
     """Places around the script's own, from which every named finger reaches the object, and the palm if named."""
     best = planned(script, hand, tree)
-    closer = PlacedCloser(script, hand, tree)
+    closer = Closer(script, hand, tree)
     random = np.random.default_rng([seed, *scenario.name.encode()])
     zero = Placement("", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
     # Flexion of the open fingers' first joints beyond the widest opening [rad].

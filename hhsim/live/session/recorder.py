@@ -37,7 +37,7 @@ from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns, shown_columns, stored_contacts
+from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
@@ -57,10 +57,9 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import keeps_hands_apart, warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import bodies_ticks, seen_hand
+from hhsim.solver.scene_solver import bodies_ticks
 
 RINGS = ("ticks", "samples", "events")
 
@@ -116,14 +115,13 @@ class SessionColumns:
         moved = next(iter(self.moved(bodies)), None)
         free, every = bodies_ticks(bodies) if self._is_free else (None, None)
         own = {} if free is None else free_columns(free, *self._pose)
-        self._columns.rewind()
-        of_bodies = body_rows(self.parts, every, list(self.bodies), slice(0, len(records)), own)
-        block = self._columns.block(time, records["input_seq"], seen_hand(haptic, moved), record)
-        return shown_columns(block, haptic, moved), of_bodies
+        ticks = slice(len(records))
+        of_bodies = body_rows(self.parts, every, list(self.bodies), ticks, own)
+        return self._columns.block(ticks, time, records["input_seq"], haptic, record, moved)[1], of_bodies
 
     def contacts(self, first: int, records: Records) -> Columns:
         """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return stored_contacts(contact_rows(bodies_ticks(records)[0], first), self._hands) if self._is_free else {}
+        return contact_rows(bodies_ticks(records)[0], first, self._hands) if self._is_free else {}
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
@@ -204,8 +202,7 @@ class SessionWriter:
         self.hands = [HandRecords(setup, options, number, of) for number, of in enumerate(facts)]
         self._began, self._both = -1, len(self.hands) > 1
         bodies = self.hands[0].columns.bodies
-        free = next((FreeObject.from_json(of.properties) for of in bodies.values() if of.kind == "free"), None)
-        apart = {HANDS_APART: free is not None or keeps_hands_apart(options)} if self._both else {}
+        apart = {HANDS_APART: setup.seen.free is not None or keeps_hands_apart(options)} if self._both else {}
         parts = {}
         for hand in self.hands:
             given = dict(hand.worn.description)
@@ -216,7 +213,7 @@ class SessionWriter:
                 "duration": setup.duration,
                 "device": hand.worn.device.kind,
                 **apart,
-                **describe_scene(setup.seen.mesh, setup.seen.tree, hand.model, options, bodies, free),
+                **describe_scene(setup.seen, hand.model, options, bodies),
             }
             parts[str(hand.side)] = hand.part(described)
         between = BETWEEN_COLUMNS if self._both else ()
