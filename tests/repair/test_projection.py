@@ -16,7 +16,8 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import Correction, moved_joints
-from hhsim.repair.projection import HandJudge, Projection, correct
+from hhsim.repair.projection import HandJudge, Projection
+from hhsim.repair.repair import correct
 from hhsim.repair.tracks import repair_frames
 from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
 
@@ -86,9 +87,8 @@ def depth(case: Case, written: WrittenHand, hands: HandConfiguration) -> FloatAr
 
 def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> Corrected:
     free = repair_frames(case.hand, case.surface, case.frames, limit)
-    arguments = (joints, case.hand, case.frames, free, case.surface)
-    found = correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
     written = WrittenHand(joints, case.hand, case.frames, tip_on_surface)
+    found = correct(written, free, case.surface, max_correction=limit)
     return Corrected(*found, *(depth(case, written, hands) for hands in (case.frames, found[0].posture)))
 
 
@@ -129,10 +129,10 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float
     swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
     swing[:, 2] = np.where(dips, 3.1e-3, 0.0)
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
-    settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
-    found, _ = correct(*settled, tip_on_surface=False, object_moved=moved)
-    np.testing.assert_array_equal(depth(case, WrittenHand(settled[0], HAND, frames, False), frames) > 0.0, dips)
-    assert not depth(case, WrittenHand(settled[0], HAND, frames, False), found.posture).any()
+    settled = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
+    found, _ = correct(settled, frames, case.surface, object_moved=moved)
+    np.testing.assert_array_equal(depth(case, settled, frames) > 0.0, dips)
+    assert not depth(case, settled, found.posture).any()
     changed = found.changed
     assert changed[dips].all()
     assert (changed & ~dips).any() == beside
@@ -147,7 +147,7 @@ def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change(
     fitted.position[:, 2] = 0.3
     joints = keypoints(HAND, fitted)
     repaired = fitted._replace(position=fitted.position + 0.01)
-    kept, _ = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
+    kept, _ = correct(WrittenHand(joints, HAND, fitted, tip_on_surface=False), repaired, case.surface)
     assert not kept.changed.any()
     for before, after in zip(fitted, kept.posture):
         np.testing.assert_array_equal(before, after)
