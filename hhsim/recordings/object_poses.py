@@ -154,7 +154,19 @@ def poses_in(
         poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
         poses = poses._replace(metre=meaning.metre or poses.metre)
     elif len(names) == 2:
-        poses = _of_two(names["position"], names["turn"], arrays, meanings, order, options)
+        place, turn = names["position"], names["turn"]
+        position = _rows(place, arrays[place], *SHAPES["position"])
+        orientation = _quaternions(turn, arrays[turn], meanings["turn"][turn].order or order, options)
+        findings: tuple[Finding, ...] = ()
+        if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
+            orientation = conjugate(orientation)
+            findings = (note(f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"),)
+        rows = len(position), len(orientation)
+        if rows[0] != rows[1] and 1 not in rows:
+            raise TrajectoryError(f"'{place}' has {rows[0]} rows and '{turn}' {rows[1]}; expected as many")
+        # A single position or orientation is that of all rows.
+        position, orientation = (np.broadcast_to(each, (max(rows), each.shape[1])) for each in (position, orientation))
+        poses = ObjectPoses(position, orientation, meanings["position"][place].metre, (place, turn), findings)
     elif names and strict:
         (name,) = names.values()
         raise TrajectoryError(f"'{name}' is only one of an object's position and orientation; expected both or neither")
@@ -166,28 +178,6 @@ def poses_in(
     position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
     poses = poses._replace(position=position, orientation=orientation)
     return poses if count is None else _counted(poses, count)
-
-
-def _of_two(
-    place: str,
-    turn: str,
-    arrays: Mapping[str, Any],
-    meanings: Mapping[str, Mapping[str, _Name]],
-    order: str | None,
-    options: ReadOptions,
-) -> ObjectPoses:
-    """Return the poses in arrays of positions and orientations of these names."""
-    position = _rows(place, arrays[place], *SHAPES["position"])
-    orientation = _quaternions(turn, arrays[turn], meanings["turn"][turn].order or order, options)
-    findings: tuple[Finding, ...] = ()
-    if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
-        orientation = conjugate(orientation)
-        findings = (note(f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"),)
-    counts = len(position), len(orientation)
-    if counts[0] != counts[1] and 1 not in counts:
-        raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
-    position, orientation = np.broadcast_to(position, (max(counts), 3)), np.broadcast_to(orientation, (max(counts), 4))
-    return ObjectPoses(position, orientation, meanings["position"][place].metre, (place, turn), findings)
 
 
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:

@@ -111,7 +111,7 @@ def _make(suffix: str, recording: Recording) -> bytes:
     return npz_of(pose | {"flex": recording.flexion, "abd": recording.abduction, "meta": meta})
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     arrays = read_npz(content.data)
     key = next(key for key in QUATERNIONS if key in arrays)
     place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
