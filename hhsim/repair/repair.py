@@ -17,8 +17,8 @@ from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, field_verdict
-from hhsim.metrics.field.hands import FieldHands, FieldPair
-from hhsim.metrics.moving_parts import MovingParts
+from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
+from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
@@ -285,17 +285,15 @@ def correct(
         The correction, in the frame of the joints; frames without a need are as they were. A mask of the frames whose
         written hand or skin penetrates or whose joints move by more than the limit, shape (T,).
     """
-    joints, hand, fitted = written.joints, written.hand, written.fitted
-    projection = Projection(written, HandJudge(hand, given))
+    joints, fitted = written.joints, written.fitted
+    projection = Projection(written, HandJudge(written.hand, given))
     recorded = projection.clearance(fitted)
     found = projection.corrected(posture, recorded < 0.0, object_moved, progress)
     changed = np.any(change_between(fitted, found) != 0.0, axis=1)
     inside = np.where(changed, projection.clearance(found), recorded) < 0.0
     if skin is not None:
         progress("skin", 0, 1)
-        solid = given if isinstance(given, MovingParts) else given.mesh
-        assert solid is not None
-        pushed = push_out(solid, hand, skin, joints, fitted, found)
+        pushed = push_out(projection.judge, skin, joints, fitted, found)
         found, inside = pushed.posture, ~pushed.is_freed
         changed |= pushed.is_freed & (pushed.depth > 0.0)
     rotation, moved = np.tile(np.eye(3), (len(joints), BONES, 1, 1)), joints.copy()
@@ -374,7 +372,9 @@ def _draw(
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
     numbers = recorded.frames[chosen].tolist()
     time = recorded.scene.ticks.time[chosen]
-    shapes = [recorded.mesh_at(frame) for frame in chosen]
+    bodies = Bodies.of(recorded.seen.parts or recorded.seen.mesh)
+    frames = [bodies.at(int(frame)) for frame in chosen]
+    shapes = [placed_mesh(each.meshes, each.motions) if each.motions else each.meshes[0] for each in frames]
     # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
     depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
     draw_before_after(shapes, shown[0], shown[1], faces, path, time, numbers, depth)

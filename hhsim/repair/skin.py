@@ -17,9 +17,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import Bodies
-from hhsim.metrics.moving_parts import MovingParts
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.registry import BONES, Correction, moved_joints
@@ -141,12 +139,12 @@ def carried(
     return np.asarray((blend @ vertices[..., None])[..., 0] + weights @ shift)
 
 
-def skin_depth(given: Mesh | MovingParts, vertices: FloatArray) -> FloatArray:
-    """Compute how deep the deepest vertex of each frame lies inside a watertight mesh or parts [m], (T,), 0 outside.
+def skin_depth(bodies: Bodies, vertices: FloatArray) -> FloatArray:
+    """Compute how deep the deepest vertex of each frame lies inside watertight bodies [m], (T,), 0 outside.
 
     Vertices [m] have shape (T, V, 3).
     """
-    bodies, depth = Bodies.of(given), np.empty(len(vertices))
+    depth = np.empty(len(vertices))
     for first in range(0, len(vertices), BLOCK_FRAMES):
         block = slice(first, min(first + BLOCK_FRAMES, len(vertices)))
         depth[block] = np.maximum(-bodies.at(block).distance(vertices[block]).min(axis=1), 0.0)
@@ -214,25 +212,20 @@ class PushedOut(NamedTuple):
 
 
 def push_out(
-    given: Mesh | MovingParts,
-    hand: HandModel,
-    skin: Skin,
-    joints: FloatArray,
-    fitted: HandConfiguration,
-    posture: HandConfiguration,
+    judge: HandJudge, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
 ) -> PushedOut:
     """Free the skin of a recorded hand near its corrected posture, frame by frame.
 
-    The hand's own round cones play no part. Mesh or parts, watertight and wound outward, skin, recorded joints as of
-    `moved_skin`, and both configurations are in one frame.
+    The hand's own round cones play no part. The judge's meshes, watertight and wound outward, skin, recorded joints as
+    of `moved_skin`, and both configurations are in one frame.
     """
-    projection = SkinProjection(WrittenSkin(joints, hand, fitted, False, skin), HandJudge(hand, given))
+    projection = SkinProjection(WrittenSkin(joints, judge.hand, fitted, False, skin), judge)
     vertices = np.empty_like(skin.vertices)
     for first in range(0, len(vertices), BLOCK_FRAMES):
         some = slice(first, first + BLOCK_FRAMES)
         part = projection.written.at(some)
         vertices[some] = part.vertices(part.posed(posture.at(some)))
-    depth = skin_depth(given, vertices)
+    depth = skin_depth(judge.bodies, vertices)
     found, is_freed = posture.copy(), depth <= 0.0
     for frame in np.flatnonzero(~is_freed).tolist():
         one = projection.at(frame)

@@ -290,8 +290,8 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
     meshes = box_mesh((0.05, 0.05, 0.05), "a"), box_mesh((0.05, 0.05, 0.05), "b")
     trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
     parts = MovingParts("two", ("a", "b"), meshes, trees, np.stack(poses, axis=1), {})
-    found = push_out(parts, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
-    depth = skin_depth(parts, sample.skin.vertices)
+    found = push_out(HandJudge(sample.hand, parts), sample.skin, sample.joints, sample.fitted, sample.fitted)
+    depth = skin_depth(Bodies.of(parts), sample.skin.vertices)
     for frame in range(12):
         inside = depth_in(shells(parts, frame), sample.skin.vertices[frame])
         assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)
