@@ -68,7 +68,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     file_frame = FileFrame.of(up, options.mirror)
     position, orientation = file_frame.poses(position, orientation, axes)
-    poses = poses_in(arrays, count, options, order=options.pose_order or "wxyz", strict=True)
+    poses = poses_in(arrays, count, options, order="wxyz", strict=True)
     rows = {name: arrays[name] for name in (turn, *(poses.names if poses is not None else ()))}
     plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
     if plain and options.pose_order is None:
