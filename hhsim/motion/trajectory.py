@@ -155,6 +155,10 @@ class RigidMotion(NamedTuple):
         """Transform points [m], shape (T, ..., 3), from the world to the object's frame."""
         return _turned(conjugate(self.turn), world - _beside(self.shift, world))
 
+    def seen_vectors(self, world: FloatArray) -> FloatArray:
+        """Transform vectors, shape (T, ..., 3), from the world to the object's frame."""
+        return _turned(conjugate(self.turn), world)
+
     def seen_hand(self, world: PlacedHand) -> PlacedHand:
         """Transform placed hands from the world to the object's frame."""
         return PlacedHand(

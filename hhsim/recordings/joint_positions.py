@@ -149,10 +149,9 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         raise TrajectoryError("no sample holds the joints of a whole finger")
     fitted = finger_joints(base, length, flexion, abduction, finger_axes(side))
     rms, largest = fit_error(joints_in_palm, fitted)
-    radius, tip = None, 0.0
-    if joints.radius is not None:
-        radius = finite(np.median, metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4))
-        tip = float(radius[2, 3])
+    radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
+    radius = None if radii is None else finite(np.median, radii)
+    tip = 0.0 if radius is None else float(radius[2, 3])
     palm_length = finite(np.median, np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1))
     bones = RecordedBones(
         hand=side,

@@ -171,6 +171,7 @@ def test_what_the_object_sees_is_the_inverse_by_scipys_rotations(seed: int) -> N
         np.testing.assert_allclose(moved.points(points)[i], turn[i].apply(points[i] - was) + place[i], atol=1e-13)
         np.testing.assert_allclose(moved.vectors(points)[i], turn[i].apply(points[i]), atol=1e-13)
     np.testing.assert_allclose(moved.seen_points(moved.points(points)), points, atol=1e-13)
+    np.testing.assert_allclose(moved.seen_vectors(moved.vectors(points)), points, atol=1e-13)
     np.testing.assert_allclose(moved.seen_orientations(moved.orientations(moved.turn)), moved.turn, atol=1e-13)
 
 
