@@ -163,7 +163,16 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
     (recording,) = near_origin(clean_units(recording))
     recording = _clean_stamps(_cut(recording, options.start, options.end), options.max_gap)
-    recording = clean_glitches(_unit_quaternions(recording))
+    recording = _unit_quaternions(recording)
+    if recording.sample_count >= 8:
+        # Medians: a few spikes are no disorder.
+        one, two = (float(np.median(way)) for way in _ways(recording))
+        if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
+            reason = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
+            raise TrajectoryError(f"{reason}: the rows are no motion; are they out of order?")
+    for kind in (POSITION, ORIENTATION, JOINT):
+        recording = _without_outliers(recording, kind)
+    recording = suspect_joints(_suspects(_frozen(recording)))
     recording = _filled(recording, options.max_gap)
     steady = continuous_orientation(recording.orientation, recording.time)
     flipped = (steady * recording.orientation).sum(axis=1) < 0.0
@@ -296,19 +305,6 @@ def _unit_quaternions(recording: Recording) -> Recording:
     scaled = given & ~damaged & (np.abs(norm - 1.0) > NORM_TOLERANCE)
     text = f"quaternions not of unit length (median {usual:.4g}): scaled"
     return recording.flagged(scaled, SampleFlag.RENORMALISED, text)
-
-
-def clean_glitches(recording: Recording) -> Recording:
-    """Replace outliers by NaN, flag jumps and suspect samples, of increasing stamps, SI units; error for no motion."""
-    if recording.sample_count >= 8:
-        # Medians: a few spikes are no disorder.
-        one, two = (float(np.median(way)) for way in _ways(recording))
-        if one > DISORDER_FLOOR and one > MOST_DISORDER * two:
-            reason = f"neighbouring samples are as far apart ({1e3 * one:.0f} mm) as others"
-            raise TrajectoryError(f"{reason}: the rows are no motion; are they out of order?")
-    for kind in (POSITION, ORIENTATION, JOINT):
-        recording = _without_outliers(recording, kind)
-    return suspect_joints(_suspects(_frozen(recording)))
 
 
 def _ways(recording: Recording) -> tuple[FloatArray, FloatArray]:

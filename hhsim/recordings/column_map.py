@@ -72,21 +72,17 @@ class OrientationColumns(Settings, frozen=True):
     order: str = "wxyz"
     unit: Angle = "rad"
 
-    @property
-    def euler(self) -> bool:
-        """True if the columns are Euler angles."""
-        return len(self.columns) == 3
-
     def check(self) -> None:
         """Raise InputError for an order that does not fit the number of columns."""
+        euler = len(self.columns) == 3
         of_axes = len(self.order) == 3 and set(self.order.lower()) <= set("xyz")
-        if self.euler and not (of_axes and self.order in (self.order.lower(), self.order.upper())):
+        if euler and not (of_axes and self.order in (self.order.lower(), self.order.upper())):
             orders = "ZYX (turned axes) or zyx (fixed axes)"
             raise InputError(f"order = {self.order!r} for 3 columns; expected an Euler order such as {orders}")
-        if not self.euler and self.order not in ("wxyz", "xyzw"):
+        if not euler and self.order not in ("wxyz", "xyzw"):
             raise InputError(f"order = {self.order!r} for 4 columns; expected wxyz or xyzw")
         named = "".join(name[-1:].lower() for name in self.columns)
-        if not self.euler and named in ("wxyz", "xyzw") and named != self.order:
+        if not euler and named in ("wxyz", "xyzw") and named != self.order:
             raise InputError(f"order = {self.order!r} for columns {', '.join(self.columns)}; expected {named!r}")
 
 
@@ -195,7 +191,7 @@ def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collect
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     if columns.orientation is not None:
         order = columns.orientation.order
-        if columns.orientation.euler:
+        if len(columns.orientation.columns) == 3:
             from scipy.spatial.transform import Rotation
 
             angles = numbers(columns.orientation.columns, ANGLE_UNITS[columns.orientation.unit])

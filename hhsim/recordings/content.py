@@ -1,6 +1,5 @@
 """Content of a file, read no further than needed, and the options for reading it."""
 
-import io
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,19 +8,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray, BoolArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import npz_of, read_npz
-from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with
+from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, chosen_side, note
-from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
+from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import open_input, read_input
 
 if TYPE_CHECKING:
@@ -105,10 +103,6 @@ class Content:
             content.packed, content.data = content.data, npz_of(pickled_arrays(content.data))
             content.head = content.data[:HEAD_BYTES]
         return content
-
-    def packed_with(self, data: bytes) -> bytes:
-        """Return the pickle with the arrays of an `.npz` in the place of its own; `data` itself if it is none."""
-        return pickled_with(self.packed, read_npz(data)) if self.packed else data
 
     @cached_property
     def data(self) -> bytes:
@@ -225,19 +219,6 @@ class Content:
             raise TrajectoryError(f"no such file; expected {self.what}") from None
         except OSError as error:
             raise TrajectoryError(f"cannot be read: {error.strerror or error}") from None
-
-
-@contextmanager
-def opened_hdf5(data: bytes, path: Path | None = None) -> Iterator[h5py.File]:
-    """Open a file in memory, after a child process has read that of the path; TrajectoryError for a damaged one."""
-    try:
-        if path is not None:
-            open_hdf5(path).close()
-        with h5py.File(io.BytesIO(data)) as file:
-            require_own_data(file)
-            yield file
-    except (DamagedFileError, *DAMAGE) as error:
-        raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
 
 
 def _decoded(data: bytes) -> str:

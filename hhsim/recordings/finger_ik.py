@@ -172,44 +172,19 @@ class RecordedBones:
         return {f: {key: v if v is None else v[k].tolist() for key, v in held.items()} for k, f in enumerate(FINGERS)}
 
 
-def recorded_bones(
-    joints: FloatArray, fitted: FloatArray, palm: FloatArray, hand: HandSide, radius: FloatArray | None
-) -> RecordedBones:
-    """Compute the bones of recorded fingers, and the distance of a fitted hand from them.
-
-    `joints` are first to last joint and tip of each finger [m], palm frame, shape (T, 5, 4, 3), NaN where missing, and
-    `fitted` those of the hand; `palm` are the distances of the middle knuckle from the wrist [m], shape (T,), the radii
-    have shape (T, 5, 4). Without radii the tips are points of the skin.
-    """
-    base, length = median_bones(joints)
-    rms, largest = fit_error(joints, fitted)
-    usual = None if radius is None else _finite(np.median, radius)
-    tip = 0.0 if usual is None else float(usual[2, 3])
-    return RecordedBones(
-        hand=hand,
-        hand_length=float(_finite(np.median, palm) + length[2].sum() + tip),
-        base=base,
-        length=length,
-        radius=usual if usual is not None and np.isfinite(usual).all() else None,
-        tip_on_surface=usual is None,
-        rms=rms,
-        largest=largest,
-    )
-
-
 def fit_error(joints: FloatArray, ours: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute each finger's root mean square and largest distance between joints (T, 5, 4, 3) [m], shape (5,) each."""
     off = np.linalg.norm(joints - ours, axis=3).swapaxes(1, 2).reshape(-1, len(FINGERS))
-    return np.sqrt(_finite(np.mean, off**2)), np.nan_to_num(_finite(np.max, off))
+    return np.sqrt(finite(np.mean, off**2)), np.nan_to_num(finite(np.max, off))
 
 
 def median_bones(joints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return median first joints and bone lengths [m], (5, 3), of joints (T, 5, 4, 3), palm frame, NaN if missing."""
     lengths = np.linalg.norm(np.diff(joints, axis=2), axis=3)
-    return _finite(np.median, joints[:, :, 0]), _finite(np.median, lengths)
+    return finite(np.median, joints[:, :, 0]), finite(np.median, lengths)
 
 
-def _finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:
+def finite(statistic: Callable[[FloatArray], Any], rows: FloatArray) -> FloatArray:
     """Return a statistic of each column's finite values, NaN if it has none."""
     columns = [column[np.isfinite(column)] for column in rows.reshape(len(rows), -1).T]
     values = [statistic(column) if column.size else np.nan for column in columns]

@@ -34,7 +34,7 @@ from hhsim.recordings.joint_names import (
     stated_value,
 )
 from hhsim.recordings.joint_positions import TINY, JointPositions
-from hhsim.recordings.json_document import frame_arrays, joints_in, keys_of, leaves, place_in
+from hhsim.recordings.json_document import frame_arrays, is_place, joints_in, keys_of, leaves, place_in
 from hhsim.recordings.object_poses import poses_in, table_arrays
 from hhsim.recordings.recording import chosen_side, frames_with_hand, note, unreadable, unused
 from hhsim.recordings.unit_detection import time_column
@@ -183,7 +183,7 @@ def frames_in(document: Any) -> tuple[list[Any], dict[str, Any]]:
 
 def _shows_hand(frame: Any) -> bool:
     found = list(leaves(frame, "frame"))
-    places = [name for _, name, values in found if joint_name(name).joint and _is_place(values)]
+    places = [name for _, name, values in found if joint_name(name).joint and is_place(values)]
     return len(places) >= len(FINGERS) or any(joints_in(values.shape) for _, _, values in found)
 
 
@@ -215,7 +215,7 @@ def joints_of_frames(
         held[name] = np.where(np.isnan(known), values, known) if known.shape == values.shape else known
     meanings = {key: joint_name(key[1]) for key in arrays}
     meanings = {key: name._replace(side=name.side or key[0]) for key, name in meanings.items()}
-    hands = named_hands((meanings[key], v) for key, v in arrays.items() if meanings[key].part or _is_place(v[0]))
+    hands = named_hands((meanings[key], v) for key, v in arrays.items() if meanings[key].part or is_place(v[0]))
     # Of hands without named joints the first rows of points, with their name.
     rows: dict[HandSide, tuple[str, FloatArray]] = {}
     for key, values in arrays.items():
@@ -259,10 +259,6 @@ def joints_of_frames(
         findings=findings,
     )
     return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
-
-
-def _is_place(values: FloatArray) -> bool:
-    return values.shape in ((3,), (16,), (4, 4))
 
 
 def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName | None:

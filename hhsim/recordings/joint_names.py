@@ -79,6 +79,11 @@ _FIELD_NAMES = {
 _KINDS = {name: kind for kind, names in _FIELD_NAMES.items() for name in names.split()}
 
 
+def words_of(name: str) -> list[str]:
+    """Return the words and the numbers in a name, in lower case, which capitals and signs part."""
+    return [word.lower() for word in _WORD.findall(name)]
+
+
 class JointName(NamedTuple):
     """Meaning of a name."""
 
@@ -90,7 +95,7 @@ class JointName(NamedTuple):
 @lru_cache(maxsize=4096)
 def joint_name(text: str) -> JointName:
     """Parse a name such as left_index_tip_x, XR_HAND_JOINT_INDEX_TIP_EXT or index-finger-phalanx-proximal."""
-    words = [word.lower() for word in _WORD.findall(text)]
+    words = words_of(text)
     side: HandSide = next((_SIDE_WORDS[word] for word in words if word in _SIDE_WORDS), "")
     finger = next((_FINGER_WORDS[word] for word in words if word in _FINGER_WORDS), "")
     segment = next((_SEGMENT_WORDS[word] for word in words if word in _SEGMENT_WORDS), "")
@@ -107,8 +112,7 @@ def joint_name(text: str) -> JointName:
 @lru_cache(maxsize=4096)
 def hand_statement(text: str) -> JointName | None:
     """Parse the name of a statement on a whole hand, or on what has it as a key, such as right_isActive; else None."""
-    words = {word.lower() for word in _WORD.findall(text)}
-    name = joint_name(text)
+    words, name = {*words_of(text)}, joint_name(text)
     return name if name.part in VALIDITY_WORDS.values() and words <= _HAND_WORDS | VALIDITY_WORDS.keys() else None
 
 

@@ -21,14 +21,16 @@ from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions, stated_hand
 from hhsim.recordings.finger_ik import (
+    RecordedBones,
     finger_angles,
     finger_axes,
     finger_joints,
+    finite,
+    fit_error,
     fitted_angles,
     median_bones,
     palm_from_knuckles,
     palm_origin,
-    recorded_bones,
 )
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
@@ -146,8 +148,22 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     if not np.isfinite(abduction).any():
         raise TrajectoryError("no sample holds the joints of a whole finger")
     fitted = finger_joints(base, length, flexion, abduction, finger_axes(side))
+    rms, largest = fit_error(joints_in_palm, fitted)
     radii = None if joints.radius is None else metre * joints.radius[:, 1:].reshape(-1, len(FINGERS), 4)
-    bones = recorded_bones(joints_in_palm, fitted, np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1), side, radii)
+    radius = None if radii is None else finite(np.median, radii)
+    tip = 0.0 if radius is None else float(radius[2, 3])
+    palm_length = finite(np.median, np.linalg.norm(fingers[:, 2, 0] - wrist, axis=1))
+    bones = RecordedBones(
+        hand=side,
+        hand_length=float(palm_length + length[2].sum() + tip),
+        base=base,
+        length=length,
+        radius=radius if radius is not None and np.isfinite(radius).all() else None,
+        # Without radii the tips are points of the skin.
+        tip_on_surface=radius is None,
+        rms=rms,
+        largest=largest,
+    )
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"

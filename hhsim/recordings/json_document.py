@@ -105,6 +105,11 @@ def joints_in(shape: tuple[int, ...]) -> int:
     return next((n for n in COUNTS if shape in ((n, 3), (3 * n,), (n, 16), (n, 4, 4), (16 * n,))), 0)
 
 
+def is_place(values: FloatArray) -> bool:
+    """Return True for a point or a matrix."""
+    return values.shape in ((3,), (16,), (4, 4))
+
+
 def place_in(values: FloatArray) -> FloatArray | None:
     """Return the points, or the translations of matrices, of an array with this last shape, (…, 3); None for others.
 
@@ -162,8 +167,8 @@ def _of_list(node: list[Any], name: str, side: HandSide, depth: int) -> Iterator
         return
     if len(node) in COUNTS:
         given = [list(leaves(entry, "joint")) for entry in node]
-        found = [[p for _, key, v in each if (p := _place(key, v)) is not None] for each in given]
-        places = np.array([each[0] if each else np.full(3, np.nan) for each in found])
+        found = [[v for _, key, v in each if is_place(v) and joint_name(key).part != "rotation"] for each in given]
+        places = np.array([place_in(each[0]) if each else np.full(3, np.nan) for each in found])
         if np.isfinite(places).all(axis=1).any():
             yield side, name, places
             scalars = [{key: float(v) for _, key, v in each if v.ndim == 0} for each in given]
@@ -172,10 +177,6 @@ def _of_list(node: list[Any], name: str, side: HandSide, depth: int) -> Iterator
             return
     for entry in node[:MOST_ENTRIES]:
         yield from leaves(entry, name, side, depth + 1)
-
-
-def _place(key: str, values: FloatArray) -> FloatArray | None:
-    return None if joint_name(key).part == "rotation" or values.shape not in ((3,), (16,), (4, 4)) else place_in(values)
 
 
 def frame_arrays(frames: Sequence[Any]) -> dict[tuple[HandSide, str], FloatArray]:

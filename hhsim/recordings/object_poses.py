@@ -26,6 +26,7 @@ from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.frames import OURS, quaternions_of
+from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
@@ -59,7 +60,6 @@ OBJECT_UID = "object_uid"
 
 _OF_OTHERS = ("cam", "hand", "wrist", "palm", "mano", "left", "right")
 """Beginnings of words for what else has a pose below an object."""
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 _COLUMN = re.compile(r"(?:(?P<kind>p|t|q)?(?P<axis>[wxyz])|m?(?P<place>[0-9]+))")
 
 
@@ -88,7 +88,7 @@ class _Name(NamedTuple):
 
 def _words(name: str, alone: bool) -> tuple[list[str], float | None] | None:
     """Return the words after that of the object, and a unit [m]; None if another thing's, unless names stand alone."""
-    words = [word.lower() for word in _WORD.findall(name)]
+    words = words_of(name)
     place = next((k for k, word in enumerate(words) if word in OBJECT_WORDS), None)
     if place is None and not alone:
         return None
@@ -134,9 +134,11 @@ def poses_in(
 ) -> ObjectPoses | None:
     """Return the poses among named arrays, for `count` samples if it is given; None if no name tells of any.
 
-    `order` is that of quaternions whose name does not say it; `alone` takes names without a word for the object. Arrays
-    of another shape are none; a position or an orientation without the other is none, or refused if `strict`.
+    `order` is that of quaternions of which neither the name nor the user says it; `alone` takes names without a word
+    for the object. Arrays of another shape are none; a position or an orientation without the other is none, or refused
+    if `strict`.
     """
+    order = options.pose_order or order
     meanings: dict[str, dict[str, _Name]] = {kind: {} for kind in SHAPES}
     for name, values in arrays.items():
         meaning, shape = _meaning(name, alone), np.shape(values)
@@ -151,10 +153,22 @@ def poses_in(
             names[kind] = top[0]
     if "pose" in names:
         meaning = meanings["pose"][names["pose"]]
-        poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order, options)
+        poses = _of_rows(names["pose"], arrays[names["pose"]], meaning.order or order)
         poses = poses._replace(metre=meaning.metre or poses.metre)
     elif len(names) == 2:
-        poses = _of_two(names["position"], names["turn"], arrays, meanings, order, options)
+        place, turn = names["position"], names["turn"]
+        position = _rows(place, arrays[place], *SHAPES["position"])
+        orientation = _quaternions(turn, arrays[turn], meanings["turn"][turn].order or order)
+        findings: tuple[Finding, ...] = ()
+        if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
+            orientation = conjugate(orientation)
+            findings = (note(f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"),)
+        rows = len(position), len(orientation)
+        if rows[0] != rows[1] and 1 not in rows:
+            raise TrajectoryError(f"'{place}' has {rows[0]} rows and '{turn}' {rows[1]}; expected as many")
+        # A single position or orientation is that of all rows.
+        position, orientation = (np.broadcast_to(each, (max(rows), each.shape[1])) for each in (position, orientation))
+        poses = ObjectPoses(position, orientation, meanings["position"][place].metre, (place, turn), findings)
     elif names and strict:
         (name,) = names.values()
         raise TrajectoryError(f"'{name}' is only one of an object's position and orientation; expected both or neither")
@@ -166,28 +180,6 @@ def poses_in(
     position, orientation = (np.where(lost, np.nan, each) for each in poses[:2])
     poses = poses._replace(position=position, orientation=orientation)
     return poses if count is None else _counted(poses, count)
-
-
-def _of_two(
-    place: str,
-    turn: str,
-    arrays: Mapping[str, Any],
-    meanings: Mapping[str, Mapping[str, _Name]],
-    order: str | None,
-    options: ReadOptions,
-) -> ObjectPoses:
-    """Return the poses in arrays of positions and orientations of these names."""
-    position = _rows(place, arrays[place], *SHAPES["position"])
-    orientation = _quaternions(turn, arrays[turn], meanings["turn"][turn].order or order, options)
-    findings: tuple[Finding, ...] = ()
-    if re.search("global_?orient", turn, re.IGNORECASE) and re.search("transl$", place):
-        orientation = conjugate(orientation)
-        findings = (note(f"'{turn}' as in GRAB: vertices times the matrix, so the object turns by its transpose"),)
-    counts = len(position), len(orientation)
-    if counts[0] != counts[1] and 1 not in counts:
-        raise TrajectoryError(f"'{place}' has {counts[0]} rows and '{turn}' {counts[1]}; expected as many")
-    position, orientation = np.broadcast_to(position, (max(counts), 3)), np.broadcast_to(orientation, (max(counts), 4))
-    return ObjectPoses(position, orientation, meanings["position"][place].metre, (place, turn), findings)
 
 
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
@@ -209,13 +201,12 @@ def _rows(name: str, given: Any, *tails: tuple[int, ...]) -> FloatArray:
     return values
 
 
-def _quaternions(name: str, given: Any, order: str | None, options: ReadOptions) -> FloatArray:
+def _quaternions(name: str, given: Any, order: str | None) -> FloatArray:
     values = _rows(name, given, *SHAPES["turn"])
     if values.shape[1:] == (3,):
         return np.where(np.isnan(values).any(axis=1, keepdims=True), np.nan, quaternion(np.nan_to_num(values)))
     if values.shape[1:] != (4,):
         return _of_matrices(name, values.reshape(-1, 3, 3))
-    order = order or options.pose_order
     if order is None:
         raise TrajectoryError(f"'{name}' does not say the order of its quaternions; expected --pose-order wxyz|xyzw")
     values[(values == 0.0).all(axis=1)] = np.nan
@@ -235,7 +226,7 @@ def _of_matrices(name: str, matrix: FloatArray) -> FloatArray:
     return quaternions_of(np.where(np.isnan(matrix).any(axis=(1, 2), keepdims=True), np.nan, matrix))
 
 
-def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> ObjectPoses:
+def _of_rows(name: str, given: Any, order: str | None) -> ObjectPoses:
     """Return the poses in rows of 7 numbers, or of a matrix."""
     values = _rows(name, given, *POSE_SHAPES)
     if values.shape[1:] != (7,):
@@ -251,9 +242,9 @@ def _of_rows(name: str, given: Any, order: str | None, options: ReadOptions) -> 
         if (np.linalg.norm(seen[:, 1:4], axis=1) > 2.0 * np.pi + UNIT_TOLERANCE).any():
             raise TrajectoryError(f"'{name}' is neither position and unit quaternion nor ARCTIC's row")
         text = f"'{name}' as ARCTIC's rows: rotation vector, translation in mm; its articulation is left out"
-        turns = _quaternions(name, values[:, 1:4], None, options)
+        turns = _quaternions(name, values[:, 1:4], None)
         return ObjectPoses(values[:, 4:], turns, 1e-3, (name,), (note(text),))
-    return ObjectPoses(values[:, :3], _quaternions(name, values[:, 3:], order, options), None, (name,))
+    return ObjectPoses(values[:, :3], _quaternions(name, values[:, 3:], order), None, (name,))
 
 
 def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) -> tuple[dict[str, Any], set[str]]:
@@ -351,7 +342,7 @@ def stamped_poses(
     poses = poses_in(others, None, options, alone=True, strict=True)
     if poses is None:
         name, values, first = _unnamed(others)
-        poses = _of_rows(name, values, None, options)
+        poses = _of_rows(name, values, options.pose_order)
         stamps = first if stamps is None else stamps
     metre = _metre(poses, content, options, findings, hand)
     findings += [*poses.findings, *unused(others, poses.names), *map(note, content.stated.told())]

@@ -7,7 +7,6 @@ The distance between samples is one length: a rotation of the palm counts as the
 a joint angle as that of a fingertip.
 """
 
-import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +22,7 @@ from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, as_numbers
 from hhsim.recordings.finger_ik import RecordedBones
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of
+from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of, words_of
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
@@ -99,7 +98,7 @@ def unused_poses(recording: "Recording") -> tuple[str, ...]:
 
 def looks_like_pose(name: str, shape: tuple[int, ...]) -> bool:
     """Return True if a value of this name and shape, () if unknown, may be an object's pose or a part of one."""
-    words = [word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+    words = [word for word in words_of(name) if word.isalpha()]
     says_pose = any(word.startswith(POSE_WORDS) for word in words)
     if any(word.startswith("obj") for word in words):
         return says_pose and (not shape or shape[-1] in (3, 4, 6, 7, 9, 12, 16))

@@ -15,6 +15,8 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
+from hhsim.motion.npz_arrays import read_npz
+from hhsim.motion.pickled_data import pickled_with
 from hhsim.recordings.content import ZIP, stated_hand
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
@@ -147,7 +149,7 @@ class RecordingFormat:
     takes_columns: bool = False  # True if it takes `ReadOptions.columns`
     # Function that returns the content of the file with a recording of it corrected; nothing else in it changes, and
     # changes of angles are in its unit. None for a format that is not written back.
-    write: Callable[[Content, ReadOptions, Recording, Changes], bytes] | None = None
+    write: Callable[[Content, ReadOptions, Changes], bytes] | None = None
     # Function that returns the content of a new file of a suffix of `NEW_SUFFIXES`; None for a format without.
     make: Callable[[str, Recording], bytes] | None = None
     # Function that returns the MANO model of a hand and its parameters in every sample, for the skin; None without.
@@ -304,8 +306,8 @@ def write_recording(
         data = content.packed or content.data
         if correction.changed.any():
             assert kind.write is not None
-            made = changes(recording, correction)
-            data = content.packed_with(kind.write(content, options, recording, made))
+            data = kind.write(content, options, changes(recording, correction))
+            data = pickled_with(content.packed, read_npz(data)) if content.packed else data
         if recording.joints is not None:
             again = _read(kind, Content.of_recording(source, data), replace(options, fits_angles=False))
             assert again.joints is not None

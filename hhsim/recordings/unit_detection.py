@@ -10,7 +10,6 @@ A unit that the file's mapping or the user states is not detected; there speed a
 The name of a column or key may say that it holds the stamps, and their unit.
 """
 
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.finger_ik import usual_fingers
+from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import Recording, note
 
 TIME_UNITS: dict[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -50,7 +50,6 @@ MANY = 0.2
 """Share of samples above which a unit is wrong, not single samples."""
 FEW = 0.05
 
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 _TIME_WORDS = {"time", "times", "timestamp", "stamp", "timestamps", "t", "clock"}
 _UNIT_WORDS = {
     word: words.split()[0]
@@ -220,15 +219,15 @@ class TimeColumn(NamedTuple):
 
 def time_column(names: Iterable[str]) -> TimeColumn | None:
     """Return the column of stamps among these, or None; of several that of the device, which has no delay."""
-    words_of = {name: {word.lower() for word in _WORD.findall(name)} for name in names}
+    named_words = {name: {word for word in words_of(name) if word.isalpha()} for name in names}
     unit_of = {
         name: next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
-        for name, words in words_of.items()
+        for name, words in named_words.items()
     }
     alike: dict[frozenset[str], dict[str | None, str]] = {}
-    for name, words in words_of.items():
+    for name, words in named_words.items():
         alike.setdefault(frozenset(words - _UNIT_WORDS.keys()), {}).setdefault(unit_of[name], name)
-    found = [(name, words) for name, words in words_of.items() if words & _TIME_WORDS and not words & {"zone", "of"}]
+    found = [(name, words) for name, words in named_words.items() if words & _TIME_WORDS and not words & {"zone", "of"}]
     # Seconds and what is left of one make a stamp whatever they are called.
     found = found or [
         (units["s"], set(rest))

@@ -24,7 +24,6 @@ from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
 from hhsim.metrics.mesh_penetration import RESOLUTION
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.recordings.registry import BONES, Correction
 from hhsim.repair.written_hand import (
     JOINTS,
     NUMBERS,
@@ -275,47 +274,6 @@ class FrameHand:
         return free
 
 
-def correct(
-    joints: FloatArray,
-    hand: HandModel,
-    fitted: HandConfiguration,
-    posture: HandConfiguration,
-    given: GivenObject,
-    *,
-    tip_on_surface: bool,
-    object_moved: RigidMotion | None = None,
-    max_correction: float = 0.015,
-    progress: Progress = silent,
-) -> tuple[Correction, BoolArray]:
-    """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
-
-    Args:
-        joints: Recorded joints in the order of `KEYPOINTS`, in the object's frame [m], shape (T, 21, 3).
-        fitted, posture: Our hand as recorded and as repaired, in the object's frame.
-        given: Object, of parts that move with their poses in each frame.
-        tip_on_surface: True if recorded tips are points of the skin; False if they are centres of the fingertips.
-        object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
-            still.
-        max_correction: Largest move of a joint [m] of a frame that is not marked.
-        progress: Called with the stage, the frames done and their number.
-
-    Returns:
-        The correction, in the frame of `joints`; frames without a need are as they were. A mask of the frames whose
-        written hand penetrates or whose joints move by more than the limit, shape (T,).
-    """
-    written = WrittenHand(joints, hand, fitted, tip_on_surface)
-    projection = Projection(written, HandJudge(hand, given))
-    recorded = projection.clearance(fitted)
-    found = projection.corrected(posture, recorded < 0.0, object_moved, progress)
-    changed = np.any(change_between(fitted, found) != 0.0, axis=1)
-    rotation, moved = np.tile(np.eye(3), (len(joints), BONES, 1, 1)), joints.copy()
-    rotation[changed] = written.rotation(found)[changed]
-    moved[changed] = written.moved(joints, found)[changed]
-    inside = np.where(changed, projection.clearance(found), recorded) < 0.0
-    marked = inside | (farthest(moved, joints) > max_correction)
-    return Correction(fitted, found, rotation, moved, changed), marked
-
-
 class Projection:
     """Nearest hands whose written joints are outside of one closed object; hands and judge are of the same frames."""
 
@@ -326,7 +284,8 @@ class Projection:
     def at(self, t: int) -> "Projection":
         """Return that of a single frame."""
         one = copy(self)
-        one.written, one.judge, one.recorded = self.written.at(t), self.judge.at(t), self.recorded[t : t + 1]
+        frame = slice(t, t + 1)
+        one.written, one.judge, one.recorded = self.written.at(frame), self.judge.at(t), self.recorded[frame]
         return one
 
     def clearance(self, posture: HandConfiguration) -> FloatArray:

@@ -14,9 +14,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.field.hands import Bodies, FieldHands
-from hhsim.metrics.moving_parts import placed_mesh
+from hhsim.metrics.field.hands import FieldHands
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
@@ -109,13 +107,6 @@ class RecordedScene:
         else:
             given |= {"skin": skin.vertices, "faces": skin.faces}
         return FieldHands(time, joints, self.seen.mesh, **given)
-
-    def mesh_at(self, frame: int) -> Mesh:
-        """Return the object, or all of its parts, as they are in a frame of `frames` [m], as the object sees them."""
-        if self.seen.parts is None:
-            return self.seen.mesh
-        bodies = Bodies.of(self.seen.parts).at(frame)
-        return placed_mesh(bodies.meshes, bodies.motions)
 
 
 def recorded_scene(

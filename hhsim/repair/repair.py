@@ -17,13 +17,15 @@ from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_body_file, names_a_file
 from hhsim.metrics.field.field_table import doubts_of, field_rows, field_table, field_verdict
-from hhsim.metrics.field.hands import FieldHands, FieldPair
-from hhsim.metrics.moving_parts import MovingParts
+from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
+from hhsim.metrics.moving_parts import MovingParts, placed_mesh
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.cleaning import suspect_joints
 from hhsim.recordings.fitted_hand import FITTED, fitted_hand, in_angles_of
 from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
+    BONES,
     NEW_SUFFIXES,
     Content,
     Correction,
@@ -38,14 +40,13 @@ from hhsim.recordings.registry import (
 from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
-from hhsim.repair.projection import GivenObject, correct
+from hhsim.repair.projection import GivenObject, HandJudge, Projection, farthest
 from hhsim.repair.recorded_scene import RecordedScene, recorded_scene
-from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
-from hhsim.repair.skin import Skin, mano_skin, moved_skin
-from hhsim.repair.skin_depth import push_out
+from hhsim.repair.request import MAX_CORRECTION, PICTURE, REPORT, RESULT, RepairOutcome, RepairRequest
+from hhsim.repair.skin import Skin, mano_skin, moved_skin, push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
 from hhsim.repair.tracks import LINEARISATIONS, put_at, repair_frames, solver_beside
-from hhsim.repair.written_hand import WrittenHand
+from hhsim.repair.written_hand import WrittenHand, change_between
 from hhsim.replay.replay import replay_scene
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
@@ -204,8 +205,19 @@ def prepared(
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
     if request.object_poses is not None:
         recording = with_object_poses(recording, request.object_poses, read)
+    side: Side = "left" if recording.hand == "left" else "right"
     with named(request.recording):
-        recording, hand = _hand(recording, request) if fitted is None else (in_angles_of(recording, fitted), fitted)
+        if fitted is not None:
+            recording, hand = in_angles_of(recording, fitted), fitted
+        elif recording.joints is None:
+            own = request.hand_file
+            hand = HandModel.default(side) if own is None else HandModel.from_toml(own, side)
+        elif request.hand_file is not None:
+            whose = "--hand-file is for recordings of angles"
+            raise InputError(f"{whose}; the joints of this one tell the sizes of its hand")
+        else:
+            recording, text = fitted_hand(recording, request.recording.name)
+            hand = HandModel.of_text(text, FITTED, side)
     skin = skin_of(recording)
     if skin is None:
         hand = with_palm(hand, request.palm) if fitted is None else hand
@@ -217,7 +229,12 @@ def prepared(
         )
         recording = recording.found(note(text))
     with named(request.recording):
-        began = _begins(recording, request, read) if len(bodies.settings) > 1 else 0.0
+        began = 0.0
+        if len(bodies.settings) > 1:
+            # Joints of the object are at 0 s at the first stamp of the hand, or of both that are repaired.
+            both = [] if request.of_both is None else [replace(read, hand=each) for each in SIDES]
+            hands = [in_our_units(request.source, options) for options in both] or [recording]
+            began = min(float(np.nanmin(each.time)) + each.first_stamp for each in hands)
         recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
     recording = suspect_joints(recording)
     gone = recording.sample_count - len(recorded.frames)
@@ -235,23 +252,54 @@ def corrected(
     limit: float, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
-    hand, haptic = recorded.hand, recorded.haptic
-    free = repair_frames(hand, given, haptic, limit, progress)
-    on_surface = recorded.tip_on_surface
-    first, marked = correct(
-        recorded.joints, hand, haptic, free, given, tip_on_surface=on_surface, object_moved=recorded.moved,
-        max_correction=limit, progress=progress,
-    )  # fmt: skip
-    if skin is None:
-        return first, marked
-    progress("skin", 0, 1)
-    pushed = push_out(recorded.seen.parts or recorded.seen.mesh, hand, skin, recorded.joints, haptic, first.posture)
-    moved, posture = pushed.is_freed & (pushed.depth > 0.0), pushed.posture
-    last = WrittenHand(recorded.joints, hand, haptic, on_surface)
-    rotation, joints, fitted = first.rotation.copy(), first.joints.copy(), first.fitted
-    rotation[moved], joints[moved] = last.rotation(posture)[moved], last.moved(recorded.joints, posture)[moved]
-    far = np.linalg.norm(joints - recorded.joints, axis=2).max(axis=1) > limit
-    return Correction(fitted, posture, rotation, joints, first.changed | moved), far | ~pushed.is_freed
+    free = repair_frames(recorded.hand, given, recorded.haptic, limit, progress)
+    written = WrittenHand(recorded.joints, recorded.hand, recorded.haptic, recorded.tip_on_surface)
+    return correct(
+        written, free, given, skin=skin, object_moved=recorded.moved, max_correction=limit, progress=progress
+    )
+
+
+def correct(
+    written: WrittenHand,
+    posture: HandConfiguration,
+    given: GivenObject,
+    *,
+    skin: Skin | None = None,
+    object_moved: RigidMotion | None = None,
+    max_correction: float = MAX_CORRECTION,
+    progress: Progress = silent,
+) -> tuple[Correction, BoolArray]:
+    """Move recorded joints with the bones of our hand, and on until the written hand does not penetrate.
+
+    Args:
+        written: Recorded joints and our hand that fits them, in the object's frame, T frames.
+        posture: Our hand as repaired, in the object's frame.
+        given: Object, of parts that move with their poses in each frame.
+        skin: Skin of the recorded hand in the object's frame, which is then outside too.
+        object_moved: Motion of the object's frame in the world, in which accelerations are measured; None: it stands
+            still.
+        max_correction: Largest move of a joint [m] of a frame that is not marked.
+        progress: Called with the stage, the frames done and their number.
+
+    Returns:
+        The correction, in the frame of the joints; frames without a need are as they were. A mask of the frames whose
+        written hand or skin penetrates or whose joints move by more than the limit, shape (T,).
+    """
+    joints, fitted = written.joints, written.fitted
+    projection = Projection(written, HandJudge(written.hand, given))
+    recorded = projection.clearance(fitted)
+    found = projection.corrected(posture, recorded < 0.0, object_moved, progress)
+    changed = np.any(change_between(fitted, found) != 0.0, axis=1)
+    inside = np.where(changed, projection.clearance(found), recorded) < 0.0
+    if skin is not None:
+        progress("skin", 0, 1)
+        pushed = push_out(projection.judge, skin, joints, fitted, found)
+        found, inside = pushed.posture, ~pushed.is_freed
+        changed |= pushed.is_freed & (pushed.depth > 0.0)
+    rotation, moved = np.tile(np.eye(3), (len(joints), BONES, 1, 1)), joints.copy()
+    rotation[changed] = written.rotation(found)[changed]
+    moved[changed] = written.moved(joints, found)[changed]
+    return Correction(fitted, found, rotation, moved, changed), inside | (farthest(moved, joints) > max_correction)
 
 
 def bodies_of(request: RepairRequest) -> DeclaredBodies:
@@ -291,13 +339,6 @@ def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:
     return bodies.with_trees(lambda mesh: triangle_tree(mesh, TREE_LEVEL))
 
 
-def _begins(recording: Recording, request: RepairRequest, read: ReadOptions) -> float:
-    """Return the first stamp of the hand, or of both that are repaired [s]: joints of the object are at 0 s there."""
-    both = [] if request.of_both is None else [replace(read, hand=side) for side in SIDES]
-    hands = [in_our_units(request.source, options) for options in both] or [recording]
-    return min(float(np.nanmin(hand.time)) + hand.first_stamp for hand in hands)
-
-
 def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
     """Read a recording, and detect units that it does not state; arguments and errors as of `read_recording`."""
     recording = read_recording(path, read, original)
@@ -331,7 +372,9 @@ def _draw(
         shown, faces = [np.stack([one.points for one in frames]) for frames in hands], hands[0][0].faces
     numbers = recorded.frames[chosen].tolist()
     time = recorded.scene.ticks.time[chosen]
-    shapes = [recorded.mesh_at(frame) for frame in chosen]
+    bodies = Bodies.of(recorded.seen.parts or recorded.seen.mesh)
+    frames = [bodies.at(int(frame)) for frame in chosen]
+    shapes = [placed_mesh(each.meshes, each.motions) if each.motions else each.meshes[0] for each in frames]
     # The table's depth: of a thin object the deepest vertex lies less deep than the cone that it is of.
     depth = [np.maximum(-hands.distance[chosen], 0.0) for hands in (before, after)]
     draw_before_after(shapes, shown[0], shown[1], faces, path, time, numbers, depth)
@@ -362,18 +405,6 @@ def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
     undo_killed(out)
     for path in (out, *map(request.beside, beside)):
         check_output_path(path)
-
-
-def _hand(recording: Recording, request: RepairRequest) -> tuple[Recording, HandModel]:
-    """Return the recording fitted by a hand of its own sizes, and that hand."""
-    side: Side = "left" if recording.hand == "left" else "right"
-    if recording.joints is None:
-        hand = HandModel.default(side) if request.hand_file is None else HandModel.from_toml(request.hand_file, side)
-        return recording, hand
-    if request.hand_file is not None:
-        raise InputError("--hand-file is for recordings of angles; the joints of this one tell the sizes of its hand")
-    fitted, text = fitted_hand(recording, request.recording.name)
-    return fitted, HandModel.of_text(text, FITTED, side)
 
 
 def repair_both_hands(

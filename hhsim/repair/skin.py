@@ -1,23 +1,28 @@
-"""Skin of a recorded hand: a mesh with vertices for every frame, and the bones that carry them.
+"""Skin of a recorded hand, how deep it is in an object, and the corrected posture that frees it.
 
 A vertex moves with the rigid motions of its bones, blended by its weights (linear blend skinning), which a MANO model
-brings.
+brings. A frame is freed by the programs of the projection, with the vertices of the skin in place of balls along the
+bones. The result is measured, not predicted: a frame whose vertices are not outside afterwards keeps its given posture
+and is marked.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import TrajectoryError
+from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
+from hhsim.metrics.field.hands import Bodies
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.registry import BONES, Correction, moved_joints
+from hhsim.repair.projection import HandJudge, Projection, put
+from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii
 
 BLOCK_FRAMES = 64
 """Frames whose vertices are moved at once."""
@@ -50,17 +55,12 @@ def mano_skin(
     betas: FloatArray,
     frame: FileFrame | None = None,
 ) -> Skin:
-    """Compute the skin of a MANO hand, as `ManoModel.keypoints`, in a file's `frame`; TrajectoryError without faces."""
-    if not len(model.faces):
-        raise TrajectoryError("the MANO model has no triangles; expected its array 'f'")
+    """Compute the skin of a MANO hand with triangles, as `ManoModel.keypoints`, in a file's `frame`."""
     frame = FileFrame() if frame is None else frame
-    vertices = model.vertices(rotation, pose, translation, betas)
-    return Skin(frame.to_world(vertices), _outward(model.faces, frame), model.weights[:, list(KEYPOINT_JOINTS)])
-
-
-def _outward(faces: IntArray, frame: FileFrame) -> IntArray:
-    """Return triangles that are outward in our world too."""
-    return faces if np.prod(frame.flip) > 0.0 else faces[:, ::-1]
+    vertices = frame.to_world(model.vertices(rotation, pose, translation, betas))
+    # Triangles are outward in our world too.
+    faces = model.faces if np.prod(frame.flip) > 0.0 else model.faces[:, ::-1]
+    return Skin(vertices, faces, model.weights[:, list(KEYPOINT_JOINTS)])
 
 
 def in_palm(configuration: HandConfiguration, points: FloatArray) -> FloatArray:
@@ -130,13 +130,107 @@ def carried(
     `weights` is that of a `Skin`, `joints` are recorded, shape (T, 21, 3), `rotation` is that of a `Correction`.
     """
     after = moved_joints(joints, fitted.position, posture.position - fitted.position, rotation)
-    start, end = (_bone_starts(*pair) for pair in ((joints, fitted), (after, posture)))
+    # The palm's origin and the first joint of each phalanx [m], shape (T, 16, 3).
+    firsts = [each[:, 1:].reshape(-1, 5, 4, 3)[:, :, :3].reshape(-1, BONES - 1, 3) for each in (joints, after)]
+    origins = fitted.position[:, None], posture.position[:, None]
+    start, end = (np.concatenate(pair, axis=1) for pair in zip(origins, firsts))
     shift = end - (rotation @ start[..., None])[..., 0]
     blend = (weights @ rotation.reshape(-1, BONES, 9)).reshape(*vertices.shape, 3)
     return np.asarray((blend @ vertices[..., None])[..., 0] + weights @ shift)
 
 
-def _bone_starts(joints: FloatArray, configuration: HandConfiguration) -> FloatArray:
-    """Return the palm's origin and the first joint of each phalanx [m], shape (T, 16, 3)."""
-    fingers = joints[:, 1:].reshape(-1, 5, 4, 3)[:, :, :3].reshape(-1, BONES - 1, 3)
-    return np.concatenate([configuration.position[:, None], fingers], axis=1)
+def skin_depth(bodies: Bodies, vertices: FloatArray) -> FloatArray:
+    """Compute how deep the deepest vertex of each frame lies inside watertight bodies [m], (T,), 0 outside.
+
+    Vertices [m] have shape (T, V, 3).
+    """
+    depth = np.empty(len(vertices))
+    for first in range(0, len(vertices), BLOCK_FRAMES):
+        block = slice(first, min(first + BLOCK_FRAMES, len(vertices)))
+        depth[block] = np.maximum(-bodies.at(block).distance(vertices[block]).min(axis=1), 0.0)
+    return depth
+
+
+class WrittenSkin(WrittenHand):
+    """Writes corrections of recorded joints with the skin of the hand, whose vertices have to be outside."""
+
+    def __init__(
+        self, joints: FloatArray, hand: HandModel, fitted: HandConfiguration, tip_on_surface: bool, skin: Skin
+    ) -> None:
+        super().__init__(joints, hand, fitted, tip_on_surface)
+        self.skin, self.surface = skin, slice(len(ball_radii(hand)), None)
+
+    def at(self, frames: slice) -> Self:
+        """Return some frames."""
+        part = super().at(frames)
+        part.skin = replace(self.skin, vertices=self.skin.vertices[frames])
+        return part
+
+    def vertices(self, posed: PosedHand) -> FloatArray:
+        """Return the skin of hands [m], shape (T, V, 3)."""
+        after = self.fitted._replace(position=posed.placed.position)
+        rotation = posed.frames @ self.frames.swapaxes(-1, -2)
+        return carried(self.skin.weights, self.skin.vertices, self.joints, self.fitted, after, rotation)
+
+    def samples(self, posed: PosedHand) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the balls of `WrittenHand.samples` of one frame, and after them the vertices of the skin."""
+        balls, radii, moved = super().samples(posed)
+        points, weights, bones = self.vertices(posed)[0], self.skin.weights, posed.frames[0]
+        joints, motion = posed.placed.joints[0], np.zeros((len(points), 3, NUMBERS))
+        motion[:, :, :3] = np.eye(3)
+        for k in range(3):
+            motion[:, :, 3 + k] = np.cross(np.eye(3)[k], points - posed.placed.position[0])
+        for finger in range(5):
+            share = weights[:, 1 + 3 * finger : 4 + 3 * finger]
+            for k in range(3):
+                turned = np.cross(bones[1 + 3 * finger, :, 1], points - joints[finger, k])
+                motion[:, :, 6 + 3 * finger + k] = share[:, k:].sum(axis=1, keepdims=True) * turned
+            spread = self.hand.abduction_sign * bones[0] @ self.hand.dorsal[finger]
+            turned = np.cross(spread, points - joints[finger, 0])
+            motion[:, :, 21 + finger] = share.sum(axis=1, keepdims=True) * turned
+        sizes = np.append(radii, np.zeros(len(points)))
+        return np.concatenate([balls, points]), sizes, np.concatenate([moved, motion])
+
+
+class SkinProjection(Projection):
+    """Nearest hands whose skin is outside."""
+
+    written: WrittenSkin
+
+    def clearance(self, posture: HandConfiguration) -> FloatArray:
+        """Return the least signed distance of the vertices [m], shape (T,)."""
+        return np.asarray(self.judge.bodies.distance(self.written.vertices(self.written.posed(posture))).min(axis=1))
+
+
+class PushedOut(NamedTuple):
+    """Postures whose skin is outside an object."""
+
+    # The given one in frames that were outside, and in those that could not be freed, T frames.
+    posture: HandConfiguration
+    depth: FloatArray  # depth of the skin before [m], shape (T,)
+    is_freed: BoolArray  # True where the skin is outside in `posture`, shape (T,)
+
+
+def push_out(
+    judge: HandJudge, skin: Skin, joints: FloatArray, fitted: HandConfiguration, posture: HandConfiguration
+) -> PushedOut:
+    """Free the skin of a recorded hand near its corrected posture, frame by frame.
+
+    The hand's own round cones play no part. The judge's meshes, watertight and wound outward, skin, recorded joints as
+    of `moved_skin`, and both configurations are in one frame.
+    """
+    projection = SkinProjection(WrittenSkin(joints, judge.hand, fitted, False, skin), judge)
+    vertices = np.empty_like(skin.vertices)
+    for first in range(0, len(vertices), BLOCK_FRAMES):
+        some = slice(first, first + BLOCK_FRAMES)
+        part = projection.written.at(some)
+        vertices[some] = part.vertices(part.posed(posture.at(some)))
+    depth = skin_depth(judge.bodies, vertices)
+    found, is_freed = posture.copy(), depth <= 0.0
+    for frame in np.flatnonzero(~is_freed).tolist():
+        one = projection.at(frame)
+        freed = one.free_near(posture.part(frame, frame + 1))
+        if freed is not None:
+            put(found, frame, freed)
+            is_freed[frame] = bool(one.clearance(freed)[0] >= 0.0)
+    return PushedOut(found, depth, is_freed)

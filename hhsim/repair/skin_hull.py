@@ -109,7 +109,17 @@ def with_palm(hand: HandModel, palm: str) -> HandModel:
     """Return a hand whose palm is not modelled (`none`), is half as thick (`thin`), or is as it was (`fitted`)."""
     if palm == "fitted":
         return hand
-    mesh, tree = _no_palm(hand) if palm == "none" else _thin_palm(hand)
+    if palm == "none":
+        # A small ball in the middle finger's knuckle: whatever would touch it touches that finger before. So the palm
+        # takes no part, in the solver and in every measure, as long as that finger does.
+        size = min(LEAST_RADIUS, 0.5 * float(hand.radius[2, 0]))
+        mesh, tree = _palm_of_balls(hand.base[2][None], np.array([size]), 1, "not modelled")
+    else:
+        # Flattened to its middle plane.
+        height = float(hand.palm_mesh.bounds[:, 2].mean())
+        vertices = (hand.palm_mesh.vertices - [0.0, 0.0, height]) * [1.0, 1.0, THIN] + [0.0, 0.0, height]
+        mesh = replace(hand.palm_mesh, vertices=vertices, source=f"{hand.palm_mesh.source}, {THIN:g} as thick")
+        tree = cached_sphere_tree(mesh, TreeOptions(level=hand.palm_tree.depth))
     return replace(hand, palm_mesh=mesh, palm_tree=tree)
 
 
@@ -219,24 +229,6 @@ def nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None
     residual = matrix @ multiplier - target
     # A residual of zero is Farkas' proof that no x satisfies all rows.
     return None if residual[-1] > -INFEASIBLE else -residual[:-1] / residual[-1]
-
-
-def _no_palm(hand: HandModel) -> tuple[Mesh, SphereTree]:
-    """Return a small ball in the middle finger's knuckle: whatever would touch it touches that finger before.
-
-    So the palm takes no part, in the solver and in every measure, as long as that finger does.
-    """
-    size = min(LEAST_RADIUS, 0.5 * float(hand.radius[2, 0]))
-    return _palm_of_balls(hand.base[2][None], np.array([size]), 1, "not modelled")
-
-
-def _thin_palm(hand: HandModel) -> tuple[Mesh, SphereTree]:
-    """Return the hand's palm, flattened to its middle plane."""
-    height = float(hand.palm_mesh.bounds[:, 2].mean())
-    scale = np.array([1.0, 1.0, THIN])
-    vertices = (hand.palm_mesh.vertices - [0.0, 0.0, height]) * scale + [0.0, 0.0, height]
-    mesh = replace(hand.palm_mesh, vertices=vertices, source=f"{hand.palm_mesh.source}, {THIN:g} as thick")
-    return mesh, cached_sphere_tree(mesh, TreeOptions(level=hand.palm_tree.depth))
 
 
 def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:

@@ -216,7 +216,12 @@ class _Search:
         moved = max(float(farthest(*points)[0]) for points in seen)
         steps = min(MOST_SUBSTEPS, int(np.ceil(moved / SUBSTEP)))
         if isinstance(self.given, MovingParts):
-            workspace, path = self.solver.workspace, parts_between(self.given.path[[before, frame]], max(steps, 1))
+            # Poses of the parts on their way, the last of which is that of the frame, shape (steps, P, 7).
+            ends, share = np.array([0.0, 1.0]), np.arange(1, max(steps, 1) + 1) / max(steps, 1)
+            pairs = self.given.path[[before, frame]].swapaxes(0, 1)
+            places = np.stack([interpolate_monotone(ends, pair[:, :3], share) for pair in pairs], axis=1)
+            turns = np.stack([interpolate_orientation(ends, pair[:, 3:], share) for pair in pairs], axis=1)
+            workspace, path = self.solver.workspace, np.concatenate([places, turns], axis=2)
             motion = workspace.surface.motion._replace(path=path, tick=np.zeros(1, np.int64))
             workspace.surface = workspace.surface._replace(motion=motion)
         if steps > 1:
@@ -265,14 +270,6 @@ def put_at(solver: HandSolver, given: GivenObject, frame: int) -> None:
     """Put the parts beside which a solver is where they are in a frame; its hand is to be placed then."""
     if isinstance(given, MovingParts):
         put_parts(solver.workspace.surface, given.path[frame])
-
-
-def parts_between(poses: FloatArray, steps: int) -> FloatArray:
-    """Return poses of parts on their way from one frame to another, (2, P, 7), which is the last one, (steps, P, 7)."""
-    ends, share, ways = np.array([0.0, 1.0]), np.arange(1, steps + 1) / steps, poses.swapaxes(0, 1)
-    places = np.stack([interpolate_monotone(ends, way[:, :3], share) for way in ways], axis=1)
-    turns = np.stack([interpolate_orientation(ends, way[:, 3:], share) for way in ways], axis=1)
-    return np.concatenate([places, turns], axis=2)
 
 
 def _moved_out(judge: HandJudge, posture: HandConfiguration, direction: FloatArray) -> HandConfiguration | None:

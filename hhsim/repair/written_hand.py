@@ -145,11 +145,11 @@ class WrittenHand:
         move_joints(*own, self.frames, as_argument(posture.position), frames, moved)
         return moved
 
-    def at(self, frame: int) -> Self:
-        """Return a single frame, T = 1, with the tips where they are."""
-        part, own = copy(self), slice(frame, frame + 1)
-        part.fitted = self.fitted.at(own)
-        part.joints, part.axes, part.frames = self.joints[own], self.axes[own], self.frames[own]
+    def at(self, frames: slice) -> Self:
+        """Return some frames, with the tips where they are."""
+        part = copy(self)
+        part.fitted = self.fitted.at(frames)
+        part.joints, part.axes, part.frames = self.joints[frames], self.axes[frames], self.frames[frames]
         return part
 
     def samples(self, posed: PosedHand) -> tuple[FloatArray, FloatArray, FloatArray]:

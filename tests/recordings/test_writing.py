@@ -115,7 +115,7 @@ def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     if content.path is not None and content.path.suffix not in REPACKED and "mano" not in content.path.name:
         form = format_of(content, options)
         assert form.write is not None
-        assert form.write(content, options, recording, changes(recording, correction)) == before
+        assert form.write(content, options, changes(recording, correction)) == before
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -28,12 +28,13 @@ from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
-from hhsim.repair.projection import HandJudge, correct
+from hhsim.repair.projection import HandJudge
 from hhsim.repair.recorded_scene import model_joints
-from hhsim.repair.repair import repair_recording
+from hhsim.repair.repair import correct, repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
-from hhsim.repair.skin_depth import push_out, skin_depth
+from hhsim.repair.skin import push_out, skin_depth
 from hhsim.repair.tracks import repair_frames
+from hhsim.repair.written_hand import WrittenHand
 from hhsim.result.body import result_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import load_object
@@ -274,14 +275,14 @@ def test_parts_that_leave_no_place_have_the_frame_marked() -> None:
     parts, frames = MovingParts("press", ("low", "high"), meshes, trees, poses, {}), held(2)
     free = repair_frames(HAND, parts, frames, 0.1)
     joints = model_joints(HAND, frames)
-    found, marked = correct(joints, HAND, frames, free, parts, tip_on_surface=False, max_correction=0.1)
+    found, marked = correct(WrittenHand(joints, HAND, frames, tip_on_surface=False), free, parts, max_correction=0.1)
     assert marked.tolist() == [False, True]
     assert np.array_equal(found.joints[0], joints[0])
 
 
 @pytest.mark.soak
 def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.repair.skin_depth.BLOCK_FRAMES", 5)
+    monkeypatch.setattr("hhsim.repair.skin.BLOCK_FRAMES", 5)
     sample = skin_sample()
     middle = sample.joints[:, 10] + [0.0, 0.02, 0.02]
     turn = quaternion(np.linspace(0.0, 1.0, len(middle))[:, None] * [0.0, 0.0, 1.0])
@@ -289,8 +290,8 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
     meshes = box_mesh((0.05, 0.05, 0.05), "a"), box_mesh((0.05, 0.05, 0.05), "b")
     trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
     parts = MovingParts("two", ("a", "b"), meshes, trees, np.stack(poses, axis=1), {})
-    found = push_out(parts, sample.hand, sample.skin, sample.joints, sample.fitted, sample.fitted)
-    depth = skin_depth(parts, sample.skin.vertices)
+    found = push_out(HandJudge(sample.hand, parts), sample.skin, sample.joints, sample.fitted, sample.fitted)
+    depth = skin_depth(Bodies.of(parts), sample.skin.vertices)
     for frame in range(12):
         inside = depth_in(shells(parts, frame), sample.skin.vertices[frame])
         assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)

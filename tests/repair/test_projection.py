@@ -16,7 +16,8 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import Correction, moved_joints
-from hhsim.repair.projection import HandJudge, Projection, correct
+from hhsim.repair.projection import FrameProgram, HandJudge, Projection, steady_step
+from hhsim.repair.repair import correct
 from hhsim.repair.tracks import repair_frames
 from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
 
@@ -86,9 +87,8 @@ def depth(case: Case, written: WrittenHand, hands: HandConfiguration) -> FloatAr
 
 def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> Corrected:
     free = repair_frames(case.hand, case.surface, case.frames, limit)
-    arguments = (joints, case.hand, case.frames, free, case.surface)
-    found = correct(*arguments, tip_on_surface=tip_on_surface, max_correction=limit)
     written = WrittenHand(joints, case.hand, case.frames, tip_on_surface)
+    found = correct(written, free, case.surface, max_correction=limit)
     return Corrected(*found, *(depth(case, written, hands) for hands in (case.frames, found[0].posture)))
 
 
@@ -129,10 +129,10 @@ def test_frames_that_need_nothing_stay_unless_the_motion_would_jump(speed: float
     swing = np.cumsum(speed * (-1.0) ** np.arange(30))[:, None] * [1.0, 0.0, 0.0]
     swing[:, 2] = np.where(dips, 3.1e-3, 0.0)
     moved = RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (30, 1)), swing)
-    settled = (keypoints(HAND, frames), HAND, frames, frames, case.surface)
-    found, _ = correct(*settled, tip_on_surface=False, object_moved=moved)
-    np.testing.assert_array_equal(depth(case, WrittenHand(settled[0], HAND, frames, False), frames) > 0.0, dips)
-    assert not depth(case, WrittenHand(settled[0], HAND, frames, False), found.posture).any()
+    settled = WrittenHand(keypoints(HAND, frames), HAND, frames, tip_on_surface=False)
+    found, _ = correct(settled, frames, case.surface, object_moved=moved)
+    np.testing.assert_array_equal(depth(case, settled, frames) > 0.0, dips)
+    assert not depth(case, settled, found.posture).any()
     changed = found.changed
     assert changed[dips].all()
     assert (changed & ~dips).any() == beside
@@ -147,7 +147,7 @@ def test_a_recorded_hand_that_is_outside_stays_whatever_our_repair_would_change(
     fitted.position[:, 2] = 0.3
     joints = keypoints(HAND, fitted)
     repaired = fitted._replace(position=fitted.position + 0.01)
-    kept, _ = correct(joints, HAND, fitted, repaired, case.surface, tip_on_surface=False)
+    kept, _ = correct(WrittenHand(joints, HAND, fitted, tip_on_surface=False), repaired, case.surface)
     assert not kept.changed.any()
     for before, after in zip(fitted, kept.posture):
         np.testing.assert_array_equal(before, after)
@@ -190,3 +190,58 @@ def test_the_projection_of_a_shallow_hand_moves_little_more_than_its_depth() -> 
     moved = np.linalg.norm(ends[0] - ends[1], axis=1).max()
     # Some ball of the hand has to rise by the depth; the program asks for 20 µm more.
     assert 1e-3 <= moved < 2e-3
+
+
+FRAMES, TOTAL = [2, 3, 4, 7], 9
+
+
+def programs(random: np.random.Generator, slacks: int) -> list[FrameProgram]:
+    found = []
+    for _ in FRAMES:
+        n = NUMBERS + slacks
+        root = random.normal(size=(n, n))
+        feasible = 0.1 * random.normal(size=n)
+        rows = 30.0 * random.normal(size=(6, n))
+        bounds = rows @ feasible - 30.0 * random.uniform(0.0, 1.0, 6)
+        found.append(FrameProgram(root.T @ root + np.eye(n), random.normal(size=n), rows, bounds))
+    return found
+
+
+def by_quadprog(own: list[FrameProgram], change: FloatArray, steadiness: float) -> FloatArray:
+    from quadprog import solve_qp
+
+    n = len(own[0].pull)
+    hessian, pull = np.zeros((len(own) * n,) * 2), np.concatenate([program.pull for program in own])
+    second = np.diff(np.eye(TOTAL), 2, axis=0)
+    metric = steadiness * np.mean([np.diag(program.hessian)[:NUMBERS] for program in own], axis=0)
+    rows, bounds = [], []
+    for k, program in enumerate(own):
+        hessian[k * n : (k + 1) * n, k * n : (k + 1) * n] = program.hessian
+        for row, bound in zip(program.rows, program.bounds):
+            rows.append(np.concatenate([row if j == k else np.zeros(n) for j in range(len(own))]))
+            bounds.append(bound)
+    # The second differences of change + x, one number of the hand at a time.
+    for number in range(NUMBERS):
+        of = np.zeros((TOTAL, len(pull)))
+        for k, frame in enumerate(FRAMES):
+            of[frame, k * n + number] = 1.0
+        hessian += metric[number] * (second @ of).T @ (second @ of)
+        pull -= metric[number] * (second @ of).T @ (second @ change[:, number])
+    return np.asarray(solve_qp(hessian, pull, np.array(rows).T, np.array(bounds))[0]).reshape(len(own), n)[:, :NUMBERS]
+
+
+@pytest.mark.parametrize(("slacks", "steadiness"), [(0, 3.0), (2, 30.0), (1, 0.0)])
+def test_the_steps_are_those_of_quadprog(slacks: int, steadiness: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.repair.projection.TOLERANCE", 1e-10)
+    random = np.random.default_rng(slacks)
+    own, change = programs(random, slacks), random.normal(size=(TOTAL, NUMBERS))
+    step = steady_step(own, change, FRAMES, steadiness)
+    assert step is not None
+    np.testing.assert_allclose(step, by_quadprog(own, change, steadiness), atol=1e-6)
+
+
+def test_rows_that_contradict_each_other_give_way_by_the_same() -> None:
+    program = FrameProgram(np.eye(NUMBERS), np.zeros(NUMBERS), np.eye(NUMBERS)[[0, 0]] * [[1.0], [-1.0]], np.ones(2))
+    step = steady_step([program], np.zeros((1, NUMBERS)), [0], 1.0)
+    assert step is not None
+    np.testing.assert_allclose(step, 0.0, atol=1e-5)

@@ -22,6 +22,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, chosen_side, note
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
@@ -49,7 +50,6 @@ NO_HAND = (
 )
 MOST_BETWEEN = 3
 """Largest number of joints between the wrist and the first joint of a finger."""
-WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 STILL_OFFSET = 1e-3
 """Largest position, as a share of the joint's offset, that is none: a device that measures none writes 0."""
 
@@ -285,14 +285,14 @@ def _ancestors(joints: tuple[Joint, ...], index: int) -> Iterator[int]:
 
 def side_of(name: str) -> HandSide:
     """Return the side in a joint's name, or ""."""
-    words = _words(name.rsplit(":", 1)[-1])
+    words = words_of(name.rsplit(":", 1)[-1])
     return next((side for word in words for side in SIDES if word == side[0] or word.startswith(side)), "")
 
 
 def finger_of(name: str) -> str:
     """Return the finger in a joint's name, or ""."""
     plain = name.rsplit(":", 1)[-1]
-    words = _words(plain)
+    words = words_of(plain)
     found = [match.lastindex for word in words if (match := FINGER.match(word)) is not None]
     if any("toe" in word for word in words):
         return ""
@@ -304,10 +304,6 @@ def finger_of(name: str) -> str:
         return FINGERS[int(biped[1])]
     counted_from_1 = COUNTED.search(plain)
     return "" if counted_from_1 is None else FINGERS[int(counted_from_1[1]) - 1]
-
-
-def _words(name: str) -> list[str]:
-    return [word.lower() for word in WORD.findall(name)]
 
 
 FORMAT = RecordingFormat(

@@ -36,7 +36,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     return recording
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     """Return a table of our own columns with the changes."""
     table = read_table(content.text)
     values = csv_fields(table)[0]

@@ -31,7 +31,7 @@ from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.recording import SIDES, Finding, Recording, chosen_side, note, unused
+from hhsim.recordings.recording import SIDES, Finding, chosen_side, note, unused
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
@@ -127,7 +127,7 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     )
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     new = corrected_arrays(_arrays(content), _poses(content, options), made, options)
     if content.head.startswith(ZIP):
         return npz_with(content.data, new)

@@ -2,7 +2,7 @@
 
 import io
 from dataclasses import fields
-from typing import Any, get_args
+from typing import get_args
 
 import h5py
 
@@ -19,17 +19,8 @@ from hhsim.system.hdf5_input import require_own_data
 
 def recording_of(trajectory: Trajectory) -> Recording:
     """Return a trajectory as a recording."""
-    return _recording({field.name: getattr(trajectory, field.name) for field in fields(trajectory)})
-
-
-def _recording(given: dict[str, Any]) -> Recording:
-    """Return the recording of a trajectory's fields, which may hold NaN."""
-    known = given | {"form": "hhsim"}
-    if given["hand"] not in get_args(HandSide):
-        raise TrajectoryError(f"hand is '{given['hand']}'; expected right, left, or nothing")
-    if given.get("flags") is None:
-        known.pop("flags", None)
-    return Recording(**known)
+    given = {field.name: getattr(trajectory, field.name) for field in fields(trajectory)}
+    return Recording(**{key: value for key, value in given.items() if value is not None}, form="hhsim")
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -42,11 +33,15 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         recording = recording_of(load_result_motion(content.path))
     else:
         content.refuse_large()
-        recording = _recording(read_fields(content.path))
+        # They may hold NaN.
+        given = read_fields(content.path)
+        if given["hand"] not in get_args(HandSide):
+            raise TrajectoryError(f"hand is '{given['hand']}'; expected right, left, or nothing")
+        recording = Recording(**given, form="hhsim")
     return recording.changed(checksums=(recording.checksums or "held") if seal_holds(content.path) else "missing")
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     if content.path is None or holds_a_result(content.path):
         raise InputError("a result or a session is not corrected; expected a trajectory")
     given = content.data.removesuffix(content.data[-SIZE:]) if content.data[-SIZE:].startswith(MARK) else content.data

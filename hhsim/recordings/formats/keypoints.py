@@ -126,7 +126,7 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     return named[0]
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     if content.head.startswith(NPY):
         return npy_with(content.data, _moved(read_npy(content.data), content, options, made))
     if content.head.startswith(ZIP):

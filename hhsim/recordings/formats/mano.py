@@ -30,7 +30,7 @@ from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.json_document import read_pose_lines
 from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import OTHER, Finding, Recording, note, unused
+from hhsim.recordings.recording import OTHER, Finding, note, unused
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -194,7 +194,7 @@ class ManoPoses(NamedTuple):
 
     rotation: FloatArray
     pose: FloatArray
-    translation: FloatArray | None
+    translation: FloatArray
     betas: FloatArray
     hand: HandSide
     names: Mapping[str, str] = {}  # names of the arrays by the words of `FIELDS`
@@ -232,23 +232,19 @@ class ManoPoses(NamedTuple):
     def parameters(self, options: ReadOptions) -> tuple[ManoModel, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return the options' model, and what its `keypoints` takes for every sample."""
         model = self.model(options)[0]
-        return model, self.rotation, model.angles(self.pose, self.reading(options)), self._shift(), self.betas
+        return model, self.rotation, model.angles(self.pose, self.reading(options)), self.translation, self.betas
 
     def joints(self, options: ReadOptions) -> JointPositions:
         """Return the joints by the options' model and reading."""
         reading, (model, file), count = self.reading(options), self.model(options), self.pose.shape[1]
-        still = [note("no translation: the hand turns on the spot")] if self.translation is None else []
         return JointPositions(
-            position=model.keypoints(self.rotation, model.angles(self.pose, reading), self._shift(), self.betas),
+            position=model.keypoints(self.rotation, model.angles(self.pose, reading), self.translation, self.betas),
             what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
             hand=options.hand or self.hand,
             unit=1.0,
-            findings=[*self.findings, *still],
+            findings=self.findings,
             **self.more,
         )
-
-    def _shift(self) -> FloatArray:
-        return np.zeros((len(self.pose), 3)) if self.translation is None else self.translation
 
 
 def chosen_names(held: Iterable[str], fields: Mapping[str, Sequence[str]] = FIELDS) -> dict[str, str]:
@@ -278,7 +274,10 @@ def poses_of(
         rotation, pose = pose[:, :3], pose[:, 3:]
     if rotation.shape != (count, 3):
         raise TrajectoryError(f"the turn of the wrist has shape {rotation.shape}; expected ({count}, 3)")
-    translation = numbers(arrays, names["translation"], count, 3) if "translation" in names else None
+    if "translation" in names:
+        translation = numbers(arrays, names["translation"], count, 3)
+    else:
+        translation, findings = np.zeros((count, 3)), [*findings, note("no translation: the hand turns on the spot")]
     betas = numbers(arrays, names["betas"]) if "betas" in names else np.zeros(0)
     betas = (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:SHAPES]
     return ManoPoses(rotation, pose, translation, betas, hand, names, usual, findings, more)
@@ -351,7 +350,7 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     )
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     return npz_with(content.data, corrected_arrays(content.arrays, _poses(content, options), made, options))
 
 

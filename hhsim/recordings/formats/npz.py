@@ -68,7 +68,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
     file_frame = FileFrame.of(up, options.mirror)
     position, orientation = file_frame.poses(position, orientation, axes)
-    poses = poses_in(arrays, count, options, order=options.pose_order or "wxyz", strict=True)
+    poses = poses_in(arrays, count, options, order="wxyz", strict=True)
     rows = {name: arrays[name] for name in (turn, *(poses.names if poses is not None else ()))}
     plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
     if plain and options.pose_order is None:
@@ -111,7 +111,7 @@ def _make(suffix: str, recording: Recording) -> bytes:
     return npz_of(pose | {"flex": recording.flexion, "abd": recording.abduction, "meta": meta})
 
 
-def _write(content: Content, options: ReadOptions, recording: Recording, made: Changes) -> bytes:
+def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     arrays = read_npz(content.data)
     key = next(key for key in QUATERNIONS if key in arrays)
     place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
