@@ -14,6 +14,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
 from hhsim.mesh import topology
+from hhsim.mesh.mesh import Shell
 from hhsim.mesh.repair import (
     BENT_HOLE,
     CAP_AREA,
@@ -26,7 +27,6 @@ from hhsim.mesh.repair import (
     parting_faces,
     turn_outward,
 )
-from hhsim.mesh.shell import Shell
 from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
@@ -164,6 +164,4 @@ def _inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet:
     if is_sound:
         near = NEAR_VERTEX * float(np.ptp(vertices, axis=0).max())
         return np.asarray((mesh_signed_distance(bvh, points) <= near).reshape(-1, 4).all(axis=1))
-    winding = np.empty(len(points))
-    fast_winding_numbers(bvh, bvh.moments, points, winding)
-    return np.asarray((winding > DEEP).reshape(-1, 4).all(axis=1))
+    return np.asarray((fast_winding_numbers(bvh, points) > DEEP).reshape(-1, 4).all(axis=1))

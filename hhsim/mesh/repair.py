@@ -5,19 +5,13 @@ Parts that overlap are joined, so that the winding number of the closed surface 
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import (
-    MeshBvh,
-    WindingMoments,
-    build_mesh_bvh,
-    face_normals,
-    fast_winding_numbers,
-    winding_numbers,
-)
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals, fast_winding_numbers, winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
@@ -299,16 +293,30 @@ def _require_unfolded(surface: MeshInRepair) -> None:
         raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
 
 
-def windings_beside(
-    bvh: MeshBvh, moments: WindingMoments, vertices: FloatArray, faces: IntArray, count: int, seed: int
-) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Sample points on faces, as `hhsim.mesh.topology.face_samples`; add the winding numbers in front and behind."""
+class Border(NamedTuple):
+    """Points (n, 3) on triangles (n,), the area of each, and the winding numbers in front of it and behind it."""
+
+    point: FloatArray
+    face: IntArray
+    area: FloatArray
+    front: FloatArray
+    back: FloatArray
+
+    @property
+    def turns(self) -> FloatArray:
+        """Mean winding number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed."""
+        return 0.5 * (self.front + self.back)
+
+    def share(self, chosen: BoolArray) -> float:
+        """Return the share of the chosen points (n,) in the area."""
+        return float(self.area[chosen].sum() / self.area.sum())
+
+
+def windings_beside(bvh: MeshBvh, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> Border:
+    """Sample points on faces, as `hhsim.mesh.topology.face_samples`, with the winding numbers on both sides."""
     point, face, area = topology.face_samples(vertices, faces, count, np.random.default_rng(seed))
     away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
-    front, back = np.empty(len(point)), np.empty(len(point))
-    fast_winding_numbers(bvh, moments, point + away, front)
-    fast_winding_numbers(bvh, moments, point - away, back)
-    return point, face, area, front, back
+    return Border(point, face, area, fast_winding_numbers(bvh, point + away), fast_winding_numbers(bvh, point - away))
 
 
 def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray, samples: int = FOLD_SAMPLES) -> BoolArray:
@@ -316,8 +324,9 @@ def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray, samples: 
 
     It is looked at one point of each, and at so many `samples` spread by area.
     """
-    _, face, _, front, back = windings_beside(bvh, bvh.moments, vertices, faces, samples, 0)
-    return np.asarray(np.bincount(face, weights=(front > 0.5) | (back < 0.5), minlength=len(faces)) == 0.0)
+    border = windings_beside(bvh, vertices, faces, samples, 0)
+    wrong = (border.front > 0.5) | (border.back < 0.5)
+    return np.asarray(np.bincount(border.face, weights=wrong, minlength=len(faces)) == 0.0)
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
@@ -340,10 +349,9 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     share = np.where(share.sum(axis=1, keepdims=True) > 1.0, 1.0 - share, share)
     places = [tested[wide, 0] + b * edge_b[wide] + c * edge_c[wide] for b, c in share]
     points = np.concatenate([place + side * offset for place in places for side in (1.0, -1.0)])
-    bvh, winding = build_mesh_bvh(vertices, faces, signed=False, by_winding=True), np.empty(len(points))
-    fast_winding_numbers(bvh, bvh.moments, points, winding)
+    bvh = build_mesh_bvh(vertices, faces, signed=False, by_winding=True)
     # Of a closed surface it is whole, and the approximation off by less than a half.
-    winding = np.round(winding)
+    winding = np.round(fast_winding_numbers(bvh, points))
     faulty = (winding != 0.0) & (winding != 1.0)
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
 

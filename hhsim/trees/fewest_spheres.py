@@ -32,7 +32,7 @@ _STARTS = 3, 32
 
 
 class _Descent(NamedTuple):
-    """Arguments of `hhsim.kernels.cover.joint_descent.descend_together`."""
+    """Arguments of `hhsim.kernels.cover.joint_descent.descend_together`, in its order."""
 
     cycles: int
     rounds: int
@@ -116,18 +116,7 @@ class _Search:
 
     def descend(self, points: FloatArray, how: _Descent, center: FloatArray) -> float:
         exchanged = min(how.exchanged, max(1, self.spheres // 4))
-        return descend_together(
-            self.mesh.bvh,
-            points,
-            how.cycles,
-            how.rounds,
-            how.longest,
-            how.shortest,
-            how.bluntest,
-            how.sharpest,
-            exchanged,
-            center,
-        )
+        return descend_together(self.mesh.bvh, points, *how._replace(exchanged=exchanged), center)
 
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
         """Choose ends of the descent: the best, and those nearly as good that protrude least in the mean."""

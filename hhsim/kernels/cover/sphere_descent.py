@@ -73,7 +73,7 @@ def depth_at(
     else:
         box = bvh.bound[0]
         in_box = box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]
-        is_outside = not (in_box and winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5)
+        is_outside = not (in_box and winding_at(bvh, x, y, z, stack) > 0.5)
     if is_outside:
         depth = -depth
     return depth, qx, qy, qz
