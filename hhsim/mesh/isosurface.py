@@ -90,11 +90,6 @@ class TetGrid:
         self._tets = self._tets._replace(tet=tet, tag=tag, age=age, child=child, vertex=vertex, table=table)
 
     @property
-    def leaves(self) -> IntArray:
-        """Tetrahedra that are not halved."""
-        return np.flatnonzero(self._tets.child[: self._tets.used[0]] < 0)
-
-    @property
     def points(self) -> FloatArray:
         """Places of the vertices [m], shape (V, 3)."""
         return np.ascontiguousarray(self.low + self._tets.vertex[: self._tets.used[1]] * (self.edge / _CUBE))
@@ -138,7 +133,7 @@ class TetGrid:
         It is closed, manifold, and wound outward: the edges that it cuts, as (inside, outside), shape (n, 2), its
         triangles, as indices of those edges, shape (m, 3), and the tetrahedron of each triangle, shape (m,).
         """
-        leaves = self.leaves
+        leaves = np.flatnonzero(self._tets.child[: self._tets.used[0]] < 0)
         tet = self._tets.tet[leaves]
         number = inside[tet].sum(axis=1)
         cut = (number > 0) & (number < 4)

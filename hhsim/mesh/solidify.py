@@ -125,25 +125,17 @@ def _tell_assumed(surface: MeshInRepair, source: FloatArray, share: float, dista
     if share > _LEAST_REPORTED:
         assumed = f"{100.0 * share:.2g} % of the surface is assumed"
         surface.repairs.append(f"{assumed}, up to {surface.millimetres(distance)} from any triangle")
-    bare, farthest = outside_solid(surface, source)
+    corners = np.arange(3 * len(source)).reshape(-1, 3)
+    point, _, area = topology.face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
+    outside = mesh_signed_distance(build_mesh_bvh(surface.vertices, surface.faces), point)
+    # Points nearer to it are on it.
+    out = outside > BESIDE * surface.size
+    bare, farthest = area[out].sum() / area.sum(), outside.max()
     if bare > _LEAST_REPORTED:
         surface.repairs.append(
             f"{ASSUMED_SOLID}: {100.0 * bare:.2g} % of the surface, up to {surface.millimetres(farthest)}, "
             "lies outside it"
         )
-
-
-def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, float]:
-    """Sampled share of the triangles of the file (F, 3, 3) outside of a closed surface, and its largest distance.
-
-    Points nearer to it than `BESIDE` of its size are on it.
-    """
-    bvh = build_mesh_bvh(surface.vertices, surface.faces)
-    corners = np.arange(3 * len(source)).reshape(-1, 3)
-    point, _, area = topology.face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
-    distance = mesh_signed_distance(bvh, point)
-    out = distance > BESIDE * surface.size
-    return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
 
 
 def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:

@@ -68,16 +68,14 @@ def png_bytes(figure: "Figure", colors: int | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(figure: "Figure", path: Path, title: str = "", colors: int | None = None) -> None:
+def save_figure(figure: "Figure", path: Path, colors: int | None = None) -> None:
     """Write a figure in the format of the file's ending; OutputError if it cannot be, InputError for another format.
 
-    `title` is kept in a PDF and an SVG; the file's name without one. `colors` are of a PNG's palette.
+    A PDF and an SVG have the file's name as their title; `colors` are of a PNG's palette.
     """
     kind = path.suffix.lower()[1:]
     if kind in ("pdf", "svg", "png"):
-        write_atomically(
-            path, png_bytes(figure, colors) if kind == "png" else vector_bytes(figure, kind, title or path.stem)
-        )
+        write_atomically(path, png_bytes(figure, colors) if kind == "png" else vector_bytes(figure, kind, path.stem))
         return
     buffer = io.BytesIO()
     try:

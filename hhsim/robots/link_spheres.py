@@ -118,7 +118,7 @@ def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: in
     else:
         # Of corners that lie on a sphere, rounding decides.
         grown = tree.leaf_radius + 1e-9 * float(mesh.extent.max())
-        proved = not prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, grown)[0].size
+        proved = not prove_cover(mesh, tree.leaf_center, grown)[0].size
     return LinkSpheres(mesh.name, mesh, tree, fit, proved, time.thread_time() - start, cached)
 
 

@@ -183,7 +183,7 @@ def descend_together(
                 limit2, side = np.inf, UNKNOWN
                 if turn > 0:
                     # No farther than the place that was the closest one before the step.
-                    limit2 = _square(x - closest[i, 0], y - closest[i, 1], z - closest[i, 2]) * (1.0 + 1e-9) + 1e-30
+                    limit2 = _square(x - closest[i, 0], y - closest[i, 1], z - closest[i, 2]) * (1.0 + 1e-9) + 1e-18
                     side = same_side(depth[i], _square(x - before[i, 0], y - before[i, 1], z - before[i, 2]))
                 depth[i], qx, qy, qz = depth_at(bvh, x, y, z, limit2, stack, stack_distance2, side)
                 inverse = 1.0 / depth[i] if depth[i] != 0.0 else 0.0

@@ -79,15 +79,6 @@ def depth_at(
     return depth, qx, qy, qz
 
 
-@jit_allocating
-def depths_at(bvh: MeshBvh, points: Array, depth_out: Array) -> None:
-    """Compute the depths [m], negative outside, of points [m], shape (n, 3)."""
-    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
-    for i in range(points.shape[0]):
-        depth, _, _, _ = depth_at(bvh, points[i, 0], points[i, 1], points[i, 2], np.inf, stack, stack_distance2)
-        depth_out[i] = depth
-
-
 @jit
 def inscribed_sphere(
     bvh: MeshBvh,

@@ -370,14 +370,13 @@ def signed_distance(
 ) -> tuple[float, float, float, float]:
     """Compute the signed distance [m] of one point, negative inside, and the closest point of the mesh (x, y, z)."""
     triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
-    distance = math.sqrt(d2)
-    if bvh.moments.radius.shape[0] > 0:
-        inside = winding_at(bvh, px, py, pz, stack) > 0.5
-    else:
-        inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
-    if inside and not beyond(bvh, px, py, pz):
-        distance = -distance
-    return distance, x, y, z
+    distance, inside = math.sqrt(d2), False
+    if not beyond(bvh, px, py, pz):
+        if bvh.moments.radius.shape[0] > 0:
+            inside = winding_at(bvh, px, py, pz, stack) > 0.5
+        else:
+            inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
+    return -distance if inside else distance, x, y, z
 
 
 @jit_allocating
