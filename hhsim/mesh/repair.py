@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals, fast_winding_numbers, winding_numbers
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals, fast_winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
@@ -44,9 +44,6 @@ FEWEST_SAMPLES = 600
 
 FOLD_SAMPLES = 20_000
 """Number of points at which it is tested whether triangles that may be folded have an inside behind them."""
-
-CAVITY_POINTS = 50
-"""Approximate number of points at which a part wound inward has to lie within the others to be a cavity."""
 
 BESIDE = 1e-5
 """Distance from a triangle at which its two sides are evaluated, as a share of the longest extent."""
@@ -356,6 +353,14 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
 
 
+def lie_within(vertices: FloatArray, faces: IntArray, others: IntArray) -> bool:
+    """Return True if the middles of all faces lie within others by winding number: what overlaps them does not."""
+    if not len(others):
+        return False
+    bvh = build_mesh_bvh(vertices, others, signed=False, by_winding=True)
+    return bool((np.abs(fast_winding_numbers(bvh, vertices[faces].mean(axis=1))) > 0.5).all())
+
+
 def turn_outward(surface: MeshInRepair) -> None:
     """Wind closed parts outward; a part inside another may be wound inward: a cavity. MeshError without volume."""
     label = topology.part_labels(surface.faces)
@@ -371,12 +376,7 @@ def turn_outward(surface: MeshInRepair) -> None:
         faces = surface.faces[label == part]
         if topology.signed_volume(surface.vertices, faces) >= 0.0:
             continue
-        others = surface.faces[label != part]
-        # What only overlaps another part is no cavity of it, so one point is not enough.
-        points = surface.vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1)
-        winding = np.zeros(len(points))
-        winding_numbers(np.ascontiguousarray(surface.vertices[others]), points, winding)
-        if not (np.abs(winding) > 0.5).all():
+        if not lie_within(surface.vertices, faces, surface.faces[label != part]):
             surface.faces[label == part] = faces[:, ::-1]
             turned[part] = not turned[part]
     if turned.any():

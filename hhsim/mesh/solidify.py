@@ -8,7 +8,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, simplified, solid_mesh
 from hhsim.mesh.repair import (
@@ -17,6 +17,7 @@ from hhsim.mesh.repair import (
     Border,
     MeshInRepair,
     closed_surface,
+    lie_within,
     merge_and_clean,
     percent,
     windings_beside,
@@ -154,12 +155,7 @@ def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int
     area = np.bincount(label, weights=topology.face_areas(vertices, result))
     inward = volume < -FLAT * area * np.sqrt(area)
     for part in np.flatnonzero(inward):
-        others = result[label != part]
-        points = corner[label == part].mean(axis=1)
-        winding = np.zeros(len(points))
-        if len(others):
-            winding = fast_winding_numbers(build_mesh_bvh(vertices, others, signed=False, by_winding=True), points)
-        inward[part] = not (np.abs(winding) > 0.5).all()
+        inward[part] = not lie_within(vertices, result[label == part], result[label != part])
     result[inward[label]] = result[inward[label]][:, ::-1]
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 
