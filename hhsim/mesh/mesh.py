@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_mesh
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.ranges import check_range
 from hhsim.reproducible import dot, matmul, norm
@@ -30,17 +31,6 @@ LARGEST_EXTENT = 20.0
 SMALLEST_NUMBER = 1e-6
 LARGEST_NUMBER = 1e6
 """Outside of this range a file's own extent is refused: its squares and cubes lose their digits."""
-
-
-class Shell(NamedTuple):
-    """Solid and sheets of a mesh whose triangles are covered as a skin: distances are measured to them.
-
-    See `hhsim.mesh.own_triangles`.
-    """
-
-    vertices: FloatArray  # of the solid [m], shape (W, 3)
-    faces: IntArray  # around the inside, outward, corner indices in these vertices, shape (K, 3), none for no inside
-    sheets: IntArray  # triangles that both sides count of, corner indices in the mesh, shape (S, 3)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,7 +14,6 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
 from hhsim.mesh import topology
-from hhsim.mesh.mesh import Shell
 from hhsim.mesh.repair import (
     BENT_HOLE,
     CAP_AREA,
@@ -27,6 +26,7 @@ from hhsim.mesh.repair import (
     parting_faces,
     turn_outward,
 )
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted

@@ -10,7 +10,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
-from hhsim.mesh.mesh import Mesh, Shell, most_protrusion
+from hhsim.mesh.mesh import Mesh, most_protrusion
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers

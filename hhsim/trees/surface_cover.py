@@ -13,8 +13,9 @@ from hhsim.kernels.cover.certify import MicroTriangles, cut_mesh, edges_for, hal
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, face_normals, mesh_signed_distance
-from hhsim.mesh.mesh import Mesh, Shell
+from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.own_triangles import places_in
+from hhsim.mesh.shell import Shell
 from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
