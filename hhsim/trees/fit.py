@@ -72,7 +72,12 @@ def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 
     surface = sample_mesh(mesh, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     gap = distance_outside(surface, center, radius)
     inside = _inside_points(mesh, bvh, np.random.default_rng([seed, 1]))
-    height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))
+    # As many points on each sphere.
+    each = min(SPHERE_SAMPLES_EACH, max(LEAST_EACH, MOST_SAMPLES // len(radius)))
+    direction = np.random.default_rng([seed, 2]).normal(size=(len(radius), each, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    points = center[:, None] + radius[:, None, None] * direction
+    height = mesh_signed_distance(bvh, points.reshape(-1, 3))
     out = height[height > 0.0]
     box = float(np.prod(mesh.extent))
     filled = mesh.volume
@@ -104,12 +109,3 @@ def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatA
         if sum(map(len, found)) >= INSIDE_SAMPLES or not sum(map(len, found)):
             break
     return np.ascontiguousarray(np.concatenate(found)[:INSIDE_SAMPLES])
-
-
-def _heights(bvh: MeshBvh, center: FloatArray, radius: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return the signed distance [m] to the mesh of points on the spheres, as many on each."""
-    each = min(SPHERE_SAMPLES_EACH, max(LEAST_EACH, MOST_SAMPLES // len(radius)))
-    direction = rng.normal(size=(len(radius), each, 3))
-    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-    points = (center[:, None] + radius[:, None, None] * direction).reshape(-1, 3)
-    return mesh_signed_distance(bvh, points)
