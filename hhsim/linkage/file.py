@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.parsers import expat
 
 from hhsim.errors import DamagedFileError, InputError, named
-from hhsim.linkage.linkage import Robot, merged_linkage
+from hhsim.linkage.linkage import Link, Robot, merged_linkage
 from hhsim.linkage.mjcf import read_mjcf
 from hhsim.linkage.urdf import mesh_file, read_urdf
 from hhsim.mesh.catalogue import MESH_LEVEL, load_object, names_a_file
@@ -154,7 +154,7 @@ def resolve_object(
             if not link and len(linkage.links) > 1:
                 names = ", ".join(one.name for one in linkage.links)
                 raise InputError(f"{len(linkage.links)} links, {names}; expected one, or the name of one (--link)")
-            mesh = link_mesh(linkage, link or linkage.links[0].name, word, solid)
+            mesh = link_mesh(linkage.link(link or linkage.links[0].name), word, solid)
             if not link:
                 # The only link is where the file has it.
                 mesh = replace(mesh, name=Path(word).stem)
@@ -192,9 +192,7 @@ def _linkage_or_robot(path: Path, link: str) -> Robot:
     return replace(robot, notes=()) if any(one.name == link for one in robot.solid) else read_linkage(path)
 
 
-def link_mesh(linkage: Robot, name: str, source: str, solid: bool | None = True) -> Mesh:
-    """Return the surface of a link [m] in its own frame, as `load_mesh` of a mesh file; InputError names the link."""
-    vertices, faces = linkage.link(name).triangles
-    about = f"link '{name}'"
-    mesh = with_inside(Mesh(vertices, faces, name=name, source=about), hint="is its scale wrong?", solid=solid)
-    return replace(mesh, source=source)
+def link_mesh(link: Link, source: str, solid: bool | None = True) -> Mesh:
+    """Return the surface of a link [m] in its own frame, as `load_mesh` of a mesh file; errors name the link."""
+    mesh = Mesh(*link.triangles, name=link.name, source=f"link '{link.name}'")
+    return replace(with_inside(mesh, hint="is its scale wrong?", solid=solid), source=source)

@@ -3,18 +3,8 @@
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
-from hhsim.kernels.mesh.inside_field import (
-    MOST_COORDINATE,
-    SolidField,
-    Tets,
-    fill_table,
-    halve_tets,
-    inside,
-    leave_inside,
-    locate,
-    near,
-)
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, fast_winding_numbers, mesh_signed_distance
+from hhsim.kernels.mesh.inside_field import MOST_COORDINATE, Tets, fill_table, halve_tets, leave_inside, locate, near
 from hhsim.mesh.topology import is_closed, manifold_of, part_labels, triangles_of, used_vertices
 
 HALVINGS = 11
@@ -100,11 +90,6 @@ class TetGrid:
         self._tets = self._tets._replace(tet=tet, tag=tag, age=age, child=child, vertex=vertex, table=table)
 
     @property
-    def leaves(self) -> IntArray:
-        """Tetrahedra that are not halved."""
-        return np.flatnonzero(self._tets.child[: self._tets.used[0]] < 0)
-
-    @property
     def points(self) -> FloatArray:
         """Places of the vertices [m], shape (V, 3)."""
         return np.ascontiguousarray(self.low + self._tets.vertex[: self._tets.used[1]] * (self.edge / _CUBE))
@@ -148,7 +133,7 @@ class TetGrid:
         It is closed, manifold, and wound outward: the edges that it cuts, as (inside, outside), shape (n, 2), its
         triangles, as indices of those edges, shape (m, 3), and the tetrahedron of each triangle, shape (m,).
         """
-        leaves = self.leaves
+        leaves = np.flatnonzero(self._tets.child[: self._tets.used[0]] < 0)
         tet = self._tets.tet[leaves]
         number = inside[tet].sum(axis=1)
         cut = (number > 0) & (number < 4)
@@ -174,18 +159,11 @@ class TetGrid:
         return edges, index.reshape(-1, 3).astype(np.int64), owner
 
 
-def is_inside(field: SolidField, points: FloatArray) -> BoolArray:
-    """Return True for each point, shape (n, 3) [m], that lies inside."""
-    result = np.empty(len(points), np.bool_)
-    inside(field, np.ascontiguousarray(points, np.float64), result)
-    return result
-
-
 class _Crossings:
     """Points at which the edges of a grid leave the solid; each is searched for once."""
 
-    def __init__(self, field: SolidField) -> None:
-        self.field = field
+    def __init__(self, bvh: MeshBvh) -> None:
+        self.bvh = bvh
         self.key, self.point = np.empty(0, np.int64), np.empty((0, 3))
 
     def of(self, edges: IntArray, points: FloatArray) -> FloatArray:
@@ -197,7 +175,7 @@ class _Crossings:
         place[known] = self.point[at[known]]
         start, end = points[edges[~known, 0]], points[edges[~known, 1]]
         share = np.empty(len(start))
-        leave_inside(self.field, start, end, share)
+        leave_inside(self.bvh, start, end, share)
         place[~known] = start + np.clip(share, _NEAREST, 1.0 - _NEAREST)[:, None] * (end - start)
         order = np.argsort(key)
         self.key, self.point = key[order], place[order]
@@ -205,28 +183,28 @@ class _Crossings:
 
 
 def solid_mesh(
-    field: SolidField, border: FloatArray, low: FloatArray, high: FloatArray, tolerance: float
+    bvh: MeshBvh, border: FloatArray, low: FloatArray, high: FloatArray, tolerance: float
 ) -> tuple[FloatArray, IntArray]:
     """Compute a closed manifold mesh of a solid, wound outward: vertices (V, 3), faces (F, 3); empty without inside.
 
     Tetrahedra are halved where the mesh is off by more than the tolerance: where a triangle's middle has none of the
     solid's triangles that near and, moved by the tolerance outward and inward, is not outside and inside; or where a
     point of the true border, which are known in `border`, shape (n, 3), is farther away. The mesh may get too large
-    first, so its error has to be measured. `low` and `high` are corners of a box around it; all is in the field's unit.
+    first, so its error has to be measured. `bvh` is built by winding; `low` and `high` are corners of a box around it.
     """
     extent = float((high - low).max())
     # Off the round numbers that drawn meshes are made of.
     off = MARGIN * extent * np.array([1.0, 1.0137, 0.9871])
     grid = TetGrid(low - off, high + off, extent / COARSE)
     grid.refine(np.unique(grid.locate(border)), FIRST)
-    crossings = _Crossings(field)
+    crossings = _Crossings(bvh)
     within = np.empty(0, np.bool_)
     good = np.empty(0, np.bool_)
     waiting = border
     oldest = min(3 * HALVINGS, 3 * int(np.ceil(np.log2(extent / COARSE / tolerance))))
     while True:
         points = grid.points
-        within = np.concatenate([within, is_inside(field, points[len(within) :])])
+        within = np.concatenate([within, fast_winding_numbers(bvh, points[len(within) :]) > 0.5])
         within[grid.on_border()] = False
         edges, faces, owner = grid.surface(within)
         if len(faces) == 0:
@@ -240,9 +218,10 @@ def solid_mesh(
         step = tolerance * normal / np.where(length > 0.0, length, 1.0)[:, None]
         middle = (a + b + c) / 3.0
         wrong = np.zeros(len(fresh), np.bool_)
-        near(field.bvh, middle, tolerance, wrong)
+        near(bvh, middle, tolerance, wrong)
         wrong = ~wrong
-        wrong[wrong] = is_inside(field, (middle + step)[wrong]) | ~is_inside(field, (middle - step)[wrong])
+        before, behind = (fast_winding_numbers(bvh, (middle + side)[wrong]) > 0.5 for side in (step, -step))
+        wrong[wrong] = before | ~behind
         good[owner[fresh]] = True
         good[owner[fresh[wrong]]] = False
         far = np.abs(mesh_signed_distance(build_mesh_bvh(vertices, faces, signed=False), waiting)) > tolerance

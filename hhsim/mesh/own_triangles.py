@@ -164,6 +164,4 @@ def _inside(solid: FloatArray, enclosing: IntArray, vertices: FloatArray, sheet:
     if is_sound:
         near = NEAR_VERTEX * float(np.ptp(vertices, axis=0).max())
         return np.asarray((mesh_signed_distance(bvh, points) <= near).reshape(-1, 4).all(axis=1))
-    winding = np.empty(len(points))
-    fast_winding_numbers(bvh, bvh.moments, points, winding)
-    return np.asarray((winding > DEEP).reshape(-1, 4).all(axis=1))
+    return np.asarray((fast_winding_numbers(bvh, points) > DEEP).reshape(-1, 4).all(axis=1))

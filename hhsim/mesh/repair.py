@@ -5,19 +5,13 @@ Parts that overlap are joined, so that the winding number of the closed surface 
 
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import (
-    MeshBvh,
-    WindingMoments,
-    build_mesh_bvh,
-    face_normals,
-    fast_winding_numbers,
-    winding_numbers,
-)
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, face_normals, fast_winding_numbers
 from hhsim.mesh import topology
 from hhsim.system.counted import counted
 
@@ -50,9 +44,6 @@ FEWEST_SAMPLES = 600
 
 FOLD_SAMPLES = 20_000
 """Number of points at which it is tested whether triangles that may be folded have an inside behind them."""
-
-CAVITY_POINTS = 50
-"""Approximate number of points at which a part wound inward has to lie within the others to be a cavity."""
 
 BESIDE = 1e-5
 """Distance from a triangle at which its two sides are evaluated, as a share of the longest extent."""
@@ -284,30 +275,55 @@ def _unfold(surface: MeshInRepair) -> bool:
 
 def _require_unfolded(surface: MeshInRepair) -> None:
     """Raise MeshError where the triangles that have no inside behind them are more than a few."""
-    bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
-    folded = ~parting_faces(bvh, surface.vertices, surface.faces)
-    area = topology.face_areas(surface.vertices, surface.faces)
+    vertices, faces = surface.vertices, surface.faces
+    bvh = build_mesh_bvh(vertices, faces, signed=False, by_winding=True)
+    area = topology.face_areas(vertices, faces)
+    if len(faces) > FOLD_SAMPLES:
+        # Of very many triangles those at even steps of the area decide, unless they leave a doubt.
+        steps = area.sum() * (np.arange(FOLD_SAMPLES) + 0.5) / FOLD_SAMPLES
+        chosen, times = np.unique(np.searchsorted(np.cumsum(area), steps), return_counts=True)
+        if times[~parting_faces(bvh, vertices, faces[chosen], 0)].sum() <= 0.5 * CROSSING_SHARE * FOLD_SAMPLES:
+            return
+    folded = ~parting_faces(bvh, vertices, faces)
     if area[folded].sum() > CROSSING_SHARE * area.sum():
         count = counted(int(folded.sum()), "triangle")
         raise surface.error(f"folded over itself: {count} with no inside behind; no safe repair")
 
 
-def windings_beside(
-    bvh: MeshBvh, moments: WindingMoments, vertices: FloatArray, faces: IntArray, count: int, seed: int
-) -> tuple[FloatArray, IntArray, FloatArray, FloatArray, FloatArray]:
-    """Sample points on faces, as `hhsim.mesh.topology.face_samples`; add the winding numbers in front and behind."""
+class Border(NamedTuple):
+    """Points (n, 3) on triangles (n,), the area of each, and the winding numbers in front of it and behind it."""
+
+    point: FloatArray
+    face: IntArray
+    area: FloatArray
+    front: FloatArray
+    back: FloatArray
+
+    @property
+    def turns(self) -> FloatArray:
+        """Mean winding number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed."""
+        return 0.5 * (self.front + self.back)
+
+    def share(self, chosen: BoolArray) -> float:
+        """Return the share of the chosen points (n,) in the area."""
+        return float(self.area[chosen].sum() / self.area.sum())
+
+
+def windings_beside(bvh: MeshBvh, vertices: FloatArray, faces: IntArray, count: int, seed: int) -> Border:
+    """Sample points on faces, as `hhsim.mesh.topology.face_samples`, with the winding numbers on both sides."""
     point, face, area = topology.face_samples(vertices, faces, count, np.random.default_rng(seed))
     away = BESIDE * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max()) * face_normals(vertices, faces)[face]
-    front, back = np.empty(len(point)), np.empty(len(point))
-    fast_winding_numbers(bvh, moments, point + away, front)
-    fast_winding_numbers(bvh, moments, point - away, back)
-    return point, face, area, front, back
+    return Border(point, face, area, fast_winding_numbers(bvh, point + away), fast_winding_numbers(bvh, point - away))
 
 
-def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Mark the faces, shape (F,), with the inside of a surface behind them and the outside before them, by winding."""
-    _, face, _, front, back = windings_beside(bvh, bvh.moments, vertices, faces, FOLD_SAMPLES, 0)
-    return np.asarray(np.bincount(face, weights=(front > 0.5) | (back < 0.5), minlength=len(faces)) == 0.0)
+def parting_faces(bvh: MeshBvh, vertices: FloatArray, faces: IntArray, samples: int = FOLD_SAMPLES) -> BoolArray:
+    """Mark the faces, shape (F,), with the inside of a surface behind them and the outside before them, by winding.
+
+    It is looked at one point of each, and at so many `samples` spread by area.
+    """
+    border = windings_beside(bvh, vertices, faces, samples, 0)
+    wrong = (border.front > 0.5) | (border.back < 0.5)
+    return np.asarray(np.bincount(border.face, weights=wrong, minlength=len(faces)) == 0.0)
 
 
 def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, float, float]:
@@ -330,12 +346,19 @@ def winding_faults(vertices: FloatArray, faces: IntArray) -> tuple[int, int, flo
     share = np.where(share.sum(axis=1, keepdims=True) > 1.0, 1.0 - share, share)
     places = [tested[wide, 0] + b * edge_b[wide] + c * edge_c[wide] for b, c in share]
     points = np.concatenate([place + side * offset for place in places for side in (1.0, -1.0)])
-    bvh, winding = build_mesh_bvh(vertices, faces, signed=False, by_winding=True), np.empty(len(points))
-    fast_winding_numbers(bvh, bvh.moments, points, winding)
+    bvh = build_mesh_bvh(vertices, faces, signed=False, by_winding=True)
     # Of a closed surface it is whole, and the approximation off by less than a half.
-    winding = np.round(winding)
+    winding = np.round(fast_winding_numbers(bvh, points))
     faulty = (winding != 0.0) & (winding != 1.0)
     return int(faulty.sum()), len(points), float(winding.min(initial=0.0)), float(winding.max(initial=0.0))
+
+
+def lie_within(vertices: FloatArray, faces: IntArray, others: IntArray) -> bool:
+    """Return True if the middles of all faces lie within others by winding number: what overlaps them does not."""
+    if not len(others):
+        return False
+    bvh = build_mesh_bvh(vertices, others, signed=False, by_winding=True)
+    return bool((np.abs(fast_winding_numbers(bvh, vertices[faces].mean(axis=1))) > 0.5).all())
 
 
 def turn_outward(surface: MeshInRepair) -> None:
@@ -353,12 +376,7 @@ def turn_outward(surface: MeshInRepair) -> None:
         faces = surface.faces[label == part]
         if topology.signed_volume(surface.vertices, faces) >= 0.0:
             continue
-        others = surface.faces[label != part]
-        # What only overlaps another part is no cavity of it, so one point is not enough.
-        points = surface.vertices[faces[:: max(1, len(faces) // CAVITY_POINTS)]].mean(axis=1)
-        winding = np.zeros(len(points))
-        winding_numbers(np.ascontiguousarray(surface.vertices[others]), points, winding)
-        if not (np.abs(winding) > 0.5).all():
+        if not lie_within(surface.vertices, faces, surface.faces[label != part]):
             surface.faces[label == part] = faces[:, ::-1]
             turned[part] = not turned[part]
     if turned.any():

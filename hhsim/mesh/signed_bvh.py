@@ -3,8 +3,7 @@
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.cover.sphere_descent import depths_at
-from hhsim.kernels.mesh.bvh import MeshBvh, WindingMoments, build_mesh_bvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, WindingMoments, build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import part_labels
 
@@ -20,15 +19,6 @@ def signed_bvh(mesh: Mesh) -> MeshBvh:
         return _sheets(mesh.vertices, shell.sheets)
     solid = build_mesh_bvh(shell.vertices, shell.faces, signed=False, by_winding=True)
     return _joined(solid, _sheets(mesh.vertices, shell.sheets)) if len(shell.sheets) else solid
-
-
-def heights(bvh: MeshBvh, points: FloatArray) -> FloatArray:
-    """Compute signed distances [m], shape (n,), of points, shape (n, 3), to a `signed_bvh`; negative inside."""
-    if not len(bvh.moments.radius):
-        return mesh_signed_distance(bvh, points)
-    depth = np.empty(len(points))
-    depths_at(bvh, np.ascontiguousarray(points, np.float64), depth)
-    return -depth
 
 
 def _sheets(vertices: FloatArray, faces: IntArray) -> MeshBvh:

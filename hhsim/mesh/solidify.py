@@ -4,17 +4,24 @@ The triangles are wound alike, and outward as far as possible; the inside is whe
 distance of its closed mesh from the triangles is measured and reported.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.bvh import build_mesh_bvh, fast_winding_numbers, mesh_signed_distance, winding_moments
-from hhsim.kernels.mesh.inside_field import SolidField
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh import topology
 from hhsim.mesh.isosurface import border_distances, simplified, solid_mesh
-from hhsim.mesh.repair import BESIDE, CAP_AREA, MeshInRepair, closed_surface, merge_and_clean, percent, windings_beside
+from hhsim.mesh.repair import (
+    BESIDE,
+    CAP_AREA,
+    Border,
+    MeshInRepair,
+    closed_surface,
+    lie_within,
+    merge_and_clean,
+    percent,
+    windings_beside,
+)
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
@@ -75,30 +82,6 @@ def tell_assumed(surface: MeshInRepair, vertices: FloatArray, faces: IntArray) -
         _tell_assumed(surface, source, share, distance)
 
 
-class _Border(NamedTuple):
-    """Points (n, 3) on triangles (n,), the area of each, and the winding numbers in front of it and behind it."""
-
-    point: FloatArray
-    face: IntArray
-    area: FloatArray
-    front: FloatArray
-    back: FloatArray
-
-    @property
-    def turns(self) -> FloatArray:
-        """Mean winding number of both sides: 1/2 between inside and outside, 0 where nothing is enclosed."""
-        return 0.5 * (self.front + self.back)
-
-    @property
-    def parting(self) -> FloatArray:
-        """Points between inside and outside, shape (m, 3), without films beside loose triangles."""
-        parts = ((self.front > 0.5) != (self.back > 0.5)) & (np.abs(self.turns - 0.5) <= 0.5 - LOOSE)
-        return np.asarray(self.point[parts])
-
-    def share(self, chosen: BoolArray) -> float:
-        return float(self.area[chosen].sum() / self.area.sum())
-
-
 def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     """Replace a surface by that of its inside by winding number; `refusal` says why no safe repair closes it."""
     source = np.ascontiguousarray(surface.vertices[surface.faces])
@@ -108,8 +91,7 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     surface.faces, turned = turned_outward(surface.vertices, surface.faces)
     if turned:
         surface.repairs.append(f"turned {counted(turned, 'triangle')} to face outward")
-    field = _field(surface.vertices, surface.faces)
-    border = _border(surface, field)
+    bvh, border = _by_winding(surface)
     loose = border.turns < LOOSE
     lost = border.share(loose)
     if lost > LOST_AREA:
@@ -120,14 +102,15 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
         surface.repairs.append(f"left out {100.0 * lost:.2g} % of the surface, which encloses nothing")
         kept = np.bincount(border.face[~loose], minlength=len(surface.faces)) > 0
         surface.faces = surface.faces[kept]
-        field = _field(surface.vertices, surface.faces)
-        border = _border(surface, field)
+        bvh, border = _by_winding(surface)
     hidden = border.share(border.turns > 1.0 - LOOSE)
     if hidden > _LEAST_REPORTED:
         surface.repairs.append(f"left out {100.0 * hidden:.2g} % of the surface, which lies inside")
-    if not len(border.parting):
+    # Between inside and outside, without films beside loose triangles.
+    parts = ((border.front > 0.5) != (border.back > 0.5)) & (np.abs(border.turns - 0.5) <= 0.5 - LOOSE)
+    if not parts.any():
         raise surface.error(f"{refusal}; and it has no inside by winding number; {THICKEN}")
-    out, buried = _mesh_anew(surface, field, border.parting, TOLERANCE * size)
+    out, buried = _mesh_anew(surface, bvh, border.point[parts], TOLERANCE * size)
     surface.repairs.append(
         f"meshed anew: what parts inside from outside is at most {surface.millimetres(out)} outside of the mesh "
         f"and {surface.millimetres(buried)} inside it"
@@ -143,25 +126,17 @@ def _tell_assumed(surface: MeshInRepair, source: FloatArray, share: float, dista
     if share > _LEAST_REPORTED:
         assumed = f"{100.0 * share:.2g} % of the surface is assumed"
         surface.repairs.append(f"{assumed}, up to {surface.millimetres(distance)} from any triangle")
-    bare, farthest = outside_solid(surface, source)
+    corners = np.arange(3 * len(source)).reshape(-1, 3)
+    point, _, area = topology.face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
+    outside = mesh_signed_distance(build_mesh_bvh(surface.vertices, surface.faces), point)
+    # Points nearer to it are on it.
+    out = outside > BESIDE * surface.size
+    bare, farthest = area[out].sum() / area.sum(), outside.max()
     if bare > _LEAST_REPORTED:
         surface.repairs.append(
             f"{ASSUMED_SOLID}: {100.0 * bare:.2g} % of the surface, up to {surface.millimetres(farthest)}, "
             "lies outside it"
         )
-
-
-def outside_solid(surface: MeshInRepair, source: FloatArray) -> tuple[float, float]:
-    """Sampled share of the triangles of the file (F, 3, 3) outside of a closed surface, and its largest distance.
-
-    Points nearer to it than `BESIDE` of its size are on it.
-    """
-    bvh = build_mesh_bvh(surface.vertices, surface.faces)
-    corners = np.arange(3 * len(source)).reshape(-1, 3)
-    point, _, area = topology.face_samples(source.reshape(-1, 3), corners, SAMPLES, np.random.default_rng(SEED))
-    distance = mesh_signed_distance(bvh, point)
-    out = distance > BESIDE * surface.size
-    return float(area[out].sum() / area.sum()), float(np.max(distance, where=out, initial=0.0))
 
 
 def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int]:
@@ -180,31 +155,21 @@ def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int
     area = np.bincount(label, weights=topology.face_areas(vertices, result))
     inward = volume < -FLAT * area * np.sqrt(area)
     for part in np.flatnonzero(inward):
-        others = result[label != part]
-        points = corner[label == part].mean(axis=1)
-        winding = np.zeros(len(points))
-        if len(others):
-            bvh = build_mesh_bvh(vertices, others, signed=False, by_winding=True)
-            fast_winding_numbers(bvh, bvh.moments, points, winding)
-        inward[part] = not (np.abs(winding) > 0.5).all()
+        inward[part] = not lie_within(vertices, result[label == part], result[label != part])
     result[inward[label]] = result[inward[label]][:, ::-1]
     return result, int(np.count_nonzero((result != faces).any(axis=1)))
 
 
-def _field(vertices: FloatArray, faces: IntArray) -> SolidField:
-    bvh = build_mesh_bvh(vertices, faces, signed=False)
-    return SolidField(bvh, winding_moments(bvh))
+def _by_winding(surface: MeshInRepair) -> tuple[MeshBvh, Border]:
+    bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
+    return bvh, windings_beside(bvh, surface.vertices, surface.faces, SAMPLES, SEED)
 
 
-def _border(surface: MeshInRepair, field: SolidField) -> _Border:
-    return _Border(*windings_beside(field.bvh, field.moments, surface.vertices, surface.faces, SAMPLES, SEED))
-
-
-def _mesh_anew(surface: MeshInRepair, field: SolidField, border: FloatArray, tolerance: float) -> tuple[float, float]:
+def _mesh_anew(surface: MeshInRepair, bvh: MeshBvh, border: FloatArray, tolerance: float) -> tuple[float, float]:
     """Replace a surface by the mesh of the field; return the border's largest distance outside of it, and inside."""
     size = surface.size
     corner = surface.vertices[surface.faces].reshape(-1, 3)
-    vertices, faces = solid_mesh(field, border, corner.min(axis=0), corner.max(axis=0), tolerance)
+    vertices, faces = solid_mesh(bvh, border, corner.min(axis=0), corner.max(axis=0), tolerance)
     if len(faces) == 0:
         raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
     vertices, faces = simplified(vertices, faces, border, tolerance)

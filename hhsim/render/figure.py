@@ -39,20 +39,6 @@ def halo(width: float) -> dict[str, Any]:
     return {"path_effects": [withStroke(linewidth=width, foreground="white")]}
 
 
-def vector_bytes(figure: "Figure", kind: str, title: str) -> bytes:
-    """Return a figure as a `pdf` or `svg`, without the date: the same figure gives the same bytes."""
-    import matplotlib
-
-    date = "CreationDate" if kind == "pdf" else "Date"
-    about: dict[str, Any] = {"Title": title, "Creator": "hhsim report", date: None}
-    buffer = io.BytesIO()
-    # Journals ask for letters that a reader of PDF can tell apart; without a salt the SVG's clipping paths have random
-    # names.
-    with matplotlib.rc_context(cast(Any, {"pdf.fonttype": 42, "svg.hashsalt": "hhsim report"})):
-        figure.savefig(buffer, format=kind, metadata=about)
-    return buffer.getvalue()
-
-
 def png_bytes(figure: "Figure", colors: int | None = None) -> bytes:
     """Return the figure as PNG, without a date or a version in it, in true colour or a palette of so many colours."""
     from PIL import Image
@@ -68,20 +54,24 @@ def png_bytes(figure: "Figure", colors: int | None = None) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(figure: "Figure", path: Path, title: str = "", colors: int | None = None) -> None:
+def save_figure(figure: "Figure", path: Path, colors: int | None = None) -> None:
     """Write a figure in the format of the file's ending; OutputError if it cannot be, InputError for another format.
 
-    `title` is kept in a PDF and an SVG; the file's name without one. `colors` are of a PNG's palette.
+    A PDF and an SVG have the file's name as their title; `colors` are of a PNG's palette.
     """
-    kind = path.suffix.lower()[1:]
-    if kind in ("pdf", "svg", "png"):
-        write_atomically(
-            path, png_bytes(figure, colors) if kind == "png" else vector_bytes(figure, kind, title or path.stem)
-        )
+    import matplotlib
+
+    kind, buffer = path.suffix.lower()[1:], io.BytesIO()
+    if kind == "png":
+        write_atomically(path, png_bytes(figure, colors))
         return
-    buffer = io.BytesIO()
+    # No date: the same figure gives the same bytes. Journals ask for letters that a reader of PDF can tell apart;
+    # without a salt the SVG's clipping paths have random names.
+    date = {"pdf": "CreationDate", "svg": "Date"}.get(kind)
+    about = {"Title": path.stem, "Creator": "hhsim report", date: None} if date else None
     try:
-        figure.savefig(buffer, format=kind)
+        with matplotlib.rc_context(cast(Any, {"pdf.fonttype": 42, "svg.hashsalt": "hhsim report"})):
+            figure.savefig(buffer, format=kind, metadata=cast(Any, about))
         write_atomically(path, buffer.getvalue())
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error

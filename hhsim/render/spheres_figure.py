@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.rasterizer import blend, frame, lit, see_spheres, shade
 from hhsim.render.triangle_soup import joined, look_from, mesh_surface, moved
@@ -115,7 +116,7 @@ def _pictures(parts: Sequence[Part], extent: float, highest: float) -> tuple[Flo
     points, height = center[there] + radius[there, None] * (normals @ camera.rotation), np.empty(len(there))
     for k, (mesh, _, turn, place) in enumerate(parts):
         own = np.flatnonzero(owner[there] == k)
-        height[own] = heights(signed_bvh(mesh), np.ascontiguousarray((points[own] - place) @ turn))
+        height[own] = mesh_signed_distance(signed_bvh(mesh), (points[own] - place) @ turn)
     colors = colormaps[COLORS](np.clip(height / highest, 0.0, 1.0))[:, :3]
     alone = shade(surface, camera)
     return blend([(alone, 1.0)]), blend([(alone, 1.0), (lit(depth, normals, colors, camera), 1.0)])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.fingers import BODIES, FINGERS, PHALANX_NAMES
-from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product, rotation_matrix
+from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, quaternion_product, rotation_matrix
 from hhsim.mesh.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -201,8 +201,8 @@ def piece_poses(
     frames = np.stack([np.cross(hand.distal, hand.dorsal), hand.distal, hand.dorsal], axis=-1)
     base = quaternion_product(palm[:, None], quaternion_from_matrix(frames))
     # A turn about the finger's back, then one about the axis that it flexes about.
-    spread = _turn(2, hand.abduction_sign * np.asarray(abduction, np.float64))
-    bend = _turn(0, -np.cumsum(np.asarray(flexion, np.float64), axis=2))
+    spread = quaternion(hand.abduction_sign * np.asarray(abduction)[..., None] * np.eye(3)[2])
+    bend = quaternion(-np.cumsum(np.asarray(flexion), axis=2)[..., None] * np.eye(3)[0])
     turn = quaternion_product(quaternion_product(base, spread)[:, :, None], bend)
     joint = np.empty((len(origin), len(FINGERS), len(PHALANX_NAMES), 3))
     joint[:, :, 0] = origin[:, None] + np.einsum("tij,fj->tfi", rotation_matrix(palm), hand.base)
@@ -212,13 +212,6 @@ def piece_poses(
         np.concatenate([joint.reshape(-1, BODIES - 1, 3), origin[:, None]], axis=1),
         np.concatenate([turn.reshape(-1, BODIES - 1, 4), palm[:, None]], axis=1),
     )
-
-
-def _turn(axis: int, angle: FloatArray) -> FloatArray:
-    """Return the quaternions (w, x, y, z) of rotations about a coordinate axis by angles [rad], shape (..., 4)."""
-    quaternion = np.zeros((*angle.shape, 4))
-    quaternion[..., 0], quaternion[..., 1 + axis] = np.cos(0.5 * angle), np.sin(0.5 * angle)
-    return quaternion
 
 
 def look_from(towards: ArrayLike) -> FloatArray:

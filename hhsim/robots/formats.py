@@ -23,9 +23,10 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.quaternion import quaternion_from_matrix
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.linkage.file import MOST_BYTES, read_robot, read_xml
 from hhsim.linkage.linkage import WORLD, LinkJoint, Robot
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.reproducible import matmul
 from hhsim.robots.link_spheres import LinkSpheres
 from hhsim.robots.touching_pairs import Ignored
@@ -159,7 +160,7 @@ def write_json(found: RobotSpheres) -> bytes:
     """Return the file; the error of a sphere is its proved bound [m]."""
     document = {}
     for link in found.links:
-        bounds = link.tree.leaf_radius + heights(signed_bvh(link.mesh), link.tree.leaf_center)
+        bounds = link.tree.leaf_radius + mesh_signed_distance(signed_bvh(link.mesh), link.tree.leaf_center)
         document[link.name] = {
             "mean": float(bounds.mean()),
             "best": float(bounds.min()),

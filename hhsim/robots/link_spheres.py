@@ -9,10 +9,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError, named
+from hhsim.linkage.file import link_mesh
 from hhsim.linkage.linkage import Link, Robot
-from hhsim.mesh.mesh import Mesh, with_inside
-from hhsim.mesh.shapes import Triangles, ellipsoid
-from hhsim.mesh.topology import merged_vertices
+from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import ellipsoid
+from hhsim.mesh.topology import face_areas, merged_vertices
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.cache import cache_path, kept_sphere_tree
@@ -57,32 +58,23 @@ def link_meshes(robot: Robot, path: Path, name: str = "") -> dict[str, Mesh]:
                 "no link has collision geometry; expected <collision> elements (URDF) or geoms that collide (MJCF), or "
                 "--visual for what is seen"
             )
-        links = [robot.link(name)] if name else robot.solid
         # What is refused is refused before the first mesh is looked into, which compiles kernels.
-        surfaces = {link.name: _triangles(link.triangles, link.name) for link in links}
-        return {link: _surface(triangles, link, str(path)) for link, triangles in surfaces.items()}
+        links = [_merged(link) for link in ([robot.link(name)] if name else robot.solid)]
+        return {link.name: link_mesh(link, str(path), None) for link in links}
 
 
-def _triangles(triangles: Triangles, name: str) -> Triangles:
-    """Return triangles with every place once; MeshError for too many or those of no area."""
+def _merged(link: Link) -> Link:
+    """Return a link whose triangles have every place once; MeshError for too many triangles or those of no area."""
     # Files of some kinds give each triangle corners of its own.
-    vertices, faces = merged_vertices(*triangles)
-    about = f"link '{name}'"
+    vertices, faces = merged_vertices(*link.triangles)
+    about = f"link '{link.name}'"
     if len(faces) > MOST_TRIANGLES:
         raise MeshError(
             f"{about}: {len(faces):,} triangles; expected {MOST_TRIANGLES:,} at most: simplify its collision mesh"
         )
-    corner = vertices[faces]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    if not area.max(initial=0.0) > 0.0:
+    if not face_areas(vertices, faces).max(initial=0.0) > 0.0:
         raise MeshError(f"{about}: its triangles have no area; expected a surface")
-    return vertices, faces
-
-
-def _surface(triangles: Triangles, name: str, source: str) -> Mesh:
-    about = f"link '{name}'"
-    mesh = with_inside(Mesh(*triangles, name=name, source=about), hint="is its scale wrong?", solid=None)
-    return replace(mesh, source=source)
+    return replace(link, shapes=((vertices, faces),))
 
 
 def build_link(link: Link, mesh: Mesh, options: TreeOptions) -> LinkSpheres:
@@ -108,7 +100,7 @@ def _inside_balls(balls: FloatArray, mesh: Mesh) -> Mesh:
     """Return the surface of spheres, whose triangles lie in them, while those of the link's mesh lie around them."""
     shapes = [ellipsoid(ball[3] * np.ones(3)) for ball in balls]
     inner = Link(mesh.name, tuple((points + ball[:3], faces) for ball, (points, faces) in zip(balls, shapes)))
-    return _surface(_triangles(inner.triangles, mesh.name), mesh.name, mesh.source)
+    return link_mesh(_merged(inner), mesh.source, None)
 
 
 def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: int) -> LinkSpheres:
@@ -118,7 +110,7 @@ def _measured(mesh: Mesh, tree: SphereTree, start: float, cached: bool, seed: in
     else:
         # Of corners that lie on a sphere, rounding decides.
         grown = tree.leaf_radius + 1e-9 * float(mesh.extent.max())
-        proved = not prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, grown)[0].size
+        proved = not prove_cover(mesh, tree.leaf_center, grown)[0].size
     return LinkSpheres(mesh.name, mesh, tree, fit, proved, time.thread_time() - start, cached)
 
 

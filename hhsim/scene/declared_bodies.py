@@ -337,9 +337,7 @@ def linkage_bodies(
                 name = "table" if all(body.name != "table" for body in bodies) else "table-under-all"
                 bodies.append(BodySettings(name=name, plane=plane))
         solids = {body.name for body in bodies if solid or (solid is None and body.is_free)}
-        meshes = {
-            link.name: link_mesh(linkage, link.name, str(path), link.name in solids or solid) for link in linkage.links
-        }
+        meshes = {link.name: link_mesh(link, str(path), link.name in solids or solid) for link in linkage.links}
         first = linkage.links[0].name
         meshes[first] = replace(meshes[first], warnings=(*meshes[first].warnings, *linkage.notes))
         return BodyFile(tuple(bodies)).body, meshes

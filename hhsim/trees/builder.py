@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError
-from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, most_protrusion
 from hhsim.mesh.shell import Shell
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover
@@ -59,29 +59,21 @@ def build_sphere_tree(
         MeshError: The mesh has no inside, or a face could not be covered.
     """
     options = TreeOptions() if options is None else options
-    vertices = np.ascontiguousarray(mesh.vertices, np.float64)
-    faces = np.ascontiguousarray(mesh.faces, np.int64)
     bvh = signed_bvh(mesh)
     with Workers(threads) as workers:
         try:
-            tree = _Builder((mesh, vertices, faces, bvh), options, progress, workers).build()
+            tree = _Builder(mesh, bvh, options, progress, workers).build()
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         progress("tree", 1, 1)
-        errors = measure_levels(vertices, faces, bvh, tree, options.seed, progress, workers)
+        errors = measure_levels(mesh, bvh, tree, options.seed, progress, workers)
     return replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=options.recorded())
 
 
 class _Builder:
-    def __init__(
-        self,
-        surface: tuple[Mesh, FloatArray, IntArray, MeshBvh],
-        options: TreeOptions,
-        progress: Progress,
-        workers: Workers,
-    ) -> None:
-        self.surface, self.options, self.progress, self.workers = surface, options, progress, workers
-        self.ready = in_own_frame(surface[0])
+    def __init__(self, mesh: Mesh, bvh: MeshBvh, options: TreeOptions, progress: Progress, workers: Workers) -> None:
+        self.mesh, self.bvh, self.options, self.progress, self.workers = mesh, bvh, options, progress, workers
+        self.ready = in_own_frame(mesh)
         self.done = self.total = 0
 
     def build(self) -> SphereTree:
@@ -120,11 +112,11 @@ class _Builder:
                 return fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
             return cover_of(self.ready, size, report, self.workers)
 
-        mesh, _, faces, bvh = self.surface
+        mesh = self.mesh
         center, radius = spheres()
-        if mesh.shell is None and protrusion_bound(bvh, center, radius) > most_protrusion(mesh):
+        if mesh.shell is None and protrusion_bound(self.bvh, center, radius) > most_protrusion(mesh):
             # Triangles as thin as rounding turn the sign of a distance beside them, but not that of a winding number.
-            self.ready = in_own_frame(replace(mesh, shell=Shell(mesh.vertices, faces, np.empty((0, 3), np.int64))))
+            self.ready = in_own_frame(replace(mesh, shell=Shell(mesh.vertices, mesh.faces, np.empty((0, 3), np.int64))))
             center, radius = spheres()
         self.done += size
         return self.proved(center, radius)
@@ -136,14 +128,14 @@ class _Builder:
         the spheres, and they at most so far out of it. MeshError if a face cannot be proved, or if a sphere may
         stick out by more than the mesh is wide.
         """
-        mesh, vertices, faces, bvh = self.surface
-        unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+        mesh = self.mesh
+        unproved, proof = prove_cover(mesh, center, radius, self.workers)
         if unproved.size:
-            radius = radius + GROWTH * float(np.ptp(vertices[faces].reshape(-1, 3), axis=0).max())
-            unproved, proof = prove_cover(vertices, faces, center, radius, self.workers)
+            radius = radius + GROWTH * float(mesh.extent.max())
+            unproved, proof = prove_cover(mesh, center, radius, self.workers)
         if unproved.size:
             raise MeshError(f"{unproved.size} faces could not be covered, first face {unproved[0]}")
-        cover = LevelCover(center, radius, -heights(bvh, center), 0.0, proof)
+        cover = LevelCover(center, radius, -mesh_signed_distance(self.bvh, center), 0.0, proof)
         if cover.bound > most_protrusion(mesh):
             out = f"{1e3 * cover.bound:.4g} mm out of a mesh {1e3 * most_protrusion(mesh):.4g} mm across"
             raise MeshError(f"a sphere may stick {out}: no cover; is the mesh folded, or does it cross itself?")
@@ -157,7 +149,7 @@ def proved_anew(tree: SphereTree, mesh: Mesh) -> SphereTree:
     """Return the tree of a mesh, such as a mirror image, with new proofs; MeshError if a face cannot be proved."""
     covers = []
     for old in tree.covers:
-        unproved, proof = prove_cover(mesh.vertices, mesh.faces, old.center, old.radius + old.gap)
+        unproved, proof = prove_cover(mesh, old.center, old.radius + old.gap)
         if unproved.size:
             raise MeshError(f"{mesh.name}: {unproved.size} faces are not covered, first face {unproved[0]}")
         covers.append(replace(old, proof=proof))

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhsim.kernels.cover import check_certificate
+from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, most_protrusion
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 
 if TYPE_CHECKING:
     from hhsim.trees.sphere_tree import LevelCover
@@ -31,7 +32,7 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
     """Return the faults of the covers of levels 0 and on for a mesh, a plain sentence each; empty if there are none."""
     if not any(cover.proved for cover in covers):
         return ("the tree holds no proof that it covers the mesh",)
-    corner = np.ascontiguousarray(mesh.triangles.reshape(-1, 9))
+    corner = mesh.triangles.reshape(-1, 9)
     bvh = signed_bvh(mesh)
     found = []
     for level, cover in enumerate(covers):
@@ -43,7 +44,7 @@ def faults(mesh: Mesh, covers: "tuple[LevelCover, ...]") -> tuple[str, ...]:
             what, face, code = check_certificate.check_proof(corner, cover.center, grown, _ROUNDING * size, cover.proof)
             if what != check_certificate.HOLDS:
                 found.append(f"level {level}: the proof {_WRONG[what]}, face {face}, code {code}")
-        height = heights(bvh, cover.center)
+        height = mesh_signed_distance(bvh, cover.center)
         out = float((cover.radius + height).max())
         if out > most_protrusion(mesh):
             found.append(

@@ -5,8 +5,8 @@ import numpy as np
 from hhsim.arrays import Codes, FloatArray, IntArray
 from hhsim.kernels.cover.certify import certify_cover
 from hhsim.kernels.cover.cover_error import exposed, union_distance
-from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.mesh.signed_bvh import heights
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import face_areas, random_points
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -21,11 +21,11 @@ _PARTS = 8
 """Number of ranges that threads share out."""
 
 
-def sample_mesh(vertices: FloatArray, faces: IntArray, count: int, rng: np.random.Generator) -> FloatArray:
+def sample_mesh(mesh: Mesh, count: int, rng: np.random.Generator) -> FloatArray:
     """Sample points on a mesh [m], shape (count, 3), uniform by area."""
-    area = face_areas(vertices, faces)
-    face = rng.choice(len(faces), size=count, p=area / area.sum())
-    return random_points(vertices[faces[face]], rng)
+    area = face_areas(mesh.vertices, mesh.faces)
+    face = rng.choice(len(area), size=count, p=area / area.sum())
+    return random_points(mesh.triangles[face], rng)
 
 
 def sample_spheres(
@@ -55,20 +55,19 @@ def distance_outside(points: FloatArray, center: FloatArray, radius: FloatArray)
 
 def protrusion_bound(bvh: MeshBvh, center: FloatArray, radius: FloatArray) -> float:
     """Return the proved bound of the protrusion [m]: the largest of (radius − depth of the centre inside the mesh)."""
-    return float((radius + heights(bvh, center)).max())
+    return float((radius + mesh_signed_distance(bvh, center)).max())
 
 
 def prove_cover(
-    vertices: FloatArray, faces: IntArray, center: FloatArray, radius: FloatArray, workers: Workers | None = None
+    mesh: Mesh, center: FloatArray, radius: FloatArray, workers: Workers | None = None
 ) -> tuple[IntArray, Codes]:
-    """Prove that spheres, centres (n, 3) and radii (n,) [m], cover a mesh, vertices (V, 3) [m] and faces (F, 3).
+    """Prove that spheres, centres (n, 3) and radii (n,) [m], cover a mesh.
 
     Returns the faces without a proof, and the proof's codes as of `hhsim.kernels.cover.certify`; no codes if a face has
     none.
     """
-    corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
-    size = max(float(np.abs(vertices[faces]).max()), float(np.abs(center).max()))
-    extent = float(np.ptp(corner.reshape(-1, 3), axis=0).max())
+    corner, extent = mesh.triangles.reshape(-1, 9), float(mesh.extent.max())
+    size = max(float(np.abs(corner).max()), float(np.abs(center).max()))
     center, radius = np.ascontiguousarray(center, np.float64), np.ascontiguousarray(radius, np.float64)
 
     def prove(begin: int, end: int) -> tuple[IntArray, Codes]:
@@ -81,14 +80,13 @@ def prove_cover(
             if count or capacity <= len(proof):
                 return unproved[:count] + begin, proof[:capacity].copy()
 
-    parts = (workers or Workers()).each(prove, ranges(len(faces), _PARTS))
+    parts = (workers or Workers()).each(prove, ranges(len(corner), _PARTS))
     unproved = np.concatenate([part for part, _ in parts])
     return unproved, np.concatenate([part for _, part in parts]) if not unproved.size else np.empty(0, np.int32)
 
 
 def measure_levels(
-    vertices: FloatArray,
-    faces: IntArray,
+    mesh: Mesh,
     bvh: MeshBvh,
     tree: SphereTree,
     seed: int = 0,
@@ -101,7 +99,7 @@ def measure_levels(
     levels); `workers` are threads to measure with, None the calling one.
     """
     workers = workers or Workers()
-    surface = sample_mesh(vertices, faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
+    surface = sample_mesh(mesh, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     errors = []
     for level in range(tree.depth + 1):
         rng = np.random.default_rng([seed, 1 + level])
@@ -126,7 +124,7 @@ def _measure(
         ranges(len(points), _PARTS),
     )
     points, area = points[free], area[free]
-    parts = workers.each(lambda begin, end: heights(bvh, points[begin:end]), ranges(len(points), _PARTS))
+    parts = workers.each(lambda begin, end: mesh_signed_distance(bvh, points[begin:end]), ranges(len(points), _PARTS))
     height = np.concatenate(parts)
     height, area = height[height > 0.0], area[height > 0.0]
     mean, p99, total = 0.0, 0.0, float(area.sum())

@@ -10,8 +10,15 @@ import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.kernels.cover.certify import cut_mesh, edges_for
-from hhsim.kernels.cover.cover_error import reduce_outside
-from hhsim.kernels.cover.joint_descent import BLOCK, descend_together, enclose_blocks, find_dearest, find_owners
+from hhsim.kernels.cover.cover_error import lie_outside, reduce_outside
+from hhsim.kernels.cover.joint_descent import (
+    BLOCK,
+    ROUNDING,
+    descend_together,
+    enclose_blocks,
+    find_dearest,
+    find_owners,
+)
 from hhsim.kernels.mesh.bvh import mesh_signed_distance
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
@@ -25,7 +32,7 @@ _STARTS = 3, 32
 
 
 class _Descent(NamedTuple):
-    """Arguments of `hhsim.kernels.cover.joint_descent.descend_together`."""
+    """Arguments of `hhsim.kernels.cover.joint_descent.descend_together`, in its order."""
 
     cycles: int
     rounds: int
@@ -109,18 +116,7 @@ class _Search:
 
     def descend(self, points: FloatArray, how: _Descent, center: FloatArray) -> float:
         exchanged = min(how.exchanged, max(1, self.spheres // 4))
-        return descend_together(
-            self.mesh.bvh,
-            points,
-            how.cycles,
-            how.rounds,
-            how.longest,
-            how.shortest,
-            how.bluntest,
-            how.sharpest,
-            exchanged,
-            center,
-        )
+        return descend_together(self.mesh.bvh, points, *how._replace(exchanged=exchanged), center)
 
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
         """Choose ends of the descent: the best, and those nearly as good that protrude least in the mean."""
@@ -176,7 +172,8 @@ class _Search:
                 break
             how = how._replace(longest=how.longest * most, shortest=how.shortest * most)
             known = self.descend(np.ascontiguousarray(points[:, now > _ACTIVE * most]), how, center)
-            worst = find_dearest(self.micro.corner, center, self.depth(center), _DOUBT, known, piece, cost)
+            depth = self.depth(center)
+            worst = find_dearest(self.micro, center, depth, _DOUBT, known, _DEAR * known, piece, cost)
             stalled = 0 if worst < least * (1.0 - _DOUBT) else stalled + 1
             if worst < least:
                 least, best = worst, center.copy()
@@ -199,7 +196,7 @@ class _Search:
         limit = max(allowed if self.minimise == "protrusion" else np.inf, cover.worst)
         # Where micro-triangles could not be cut so fine, they cost more.
         radius = np.maximum(depth + max(cover.worst, min(limit, allowed)), 0.0)
-        outside, step = self.outside(center, radius)
+        outside, step = self.outside(center, radius, limit)
         rng, left = np.random.default_rng(1), 0
         for turn in range(_REDUCTIONS):
             trials = _AIMED[self.minimise] * (_TRIALS[0] + _TRIALS[1] * self.spheres)
@@ -223,13 +220,17 @@ class _Search:
             cover.halve(chosen)
             cover.assign()
 
-    def outside(self, center: FloatArray, radius: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the points of a grid around spheres that lie out of the mesh, in columns, and its steps, (3,)."""
+    def outside(self, center: FloatArray, radius: FloatArray, most: float) -> tuple[FloatArray, FloatArray]:
+        """Return the points of a grid around spheres that lie out of the mesh, in columns, and its steps, (3,).
+
+        No sphere that protrudes by `most` or less reaches those farther out, which are left out.
+        """
         low, high = (center - radius[:, None]).min(axis=0), (center + radius[:, None]).max(axis=0)
         axes = [low[k] + (high[k] - low[k]) * (np.arange(_GRID) + 0.5) / _GRID for k in range(3)]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        grid = grid[mesh_signed_distance(self.mesh.bvh, grid) > 0.0]
-        return np.ascontiguousarray(grid.T), (high - low) / _GRID
+        outside = np.empty(len(grid), np.bool_)
+        lie_outside(self.mesh.bvh, grid, most + ROUNDING, outside)
+        return np.ascontiguousarray(grid[outside].T), (high - low) / _GRID
 
 
 def fewest_spheres(

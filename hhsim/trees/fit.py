@@ -10,9 +10,9 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.kernels.mesh.bvh import MeshBvh
+from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh, most_protrusion
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.trees.error import MESH_SAMPLES, distance_outside, protrusion_bound, sample_mesh
 
 INSIDE_SAMPLES = 10_000
@@ -69,10 +69,15 @@ def doubt(mesh: Mesh, protrusion: float, gap: float) -> str:
 def measure_fit(mesh: Mesh, center: FloatArray, radius: FloatArray, seed: int = 0) -> Fit:
     """Measure spheres, centres (n, 3) and radii (n,) [m], against a mesh with 20,000 points on it and 10,000 in it."""
     bvh = signed_bvh(mesh)
-    surface = sample_mesh(mesh.vertices, mesh.faces, MESH_SAMPLES, np.random.default_rng([seed, 0]))
+    surface = sample_mesh(mesh, MESH_SAMPLES, np.random.default_rng([seed, 0]))
     gap = distance_outside(surface, center, radius)
     inside = _inside_points(mesh, bvh, np.random.default_rng([seed, 1]))
-    height = _heights(bvh, center, radius, np.random.default_rng([seed, 2]))
+    # As many points on each sphere.
+    each = min(SPHERE_SAMPLES_EACH, max(LEAST_EACH, MOST_SAMPLES // len(radius)))
+    direction = np.random.default_rng([seed, 2]).normal(size=(len(radius), each, 3))
+    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
+    points = center[:, None] + radius[:, None, None] * direction
+    height = mesh_signed_distance(bvh, points.reshape(-1, 3))
     out = height[height > 0.0]
     box = float(np.prod(mesh.extent))
     filled = mesh.volume
@@ -100,16 +105,7 @@ def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatA
     found: list[FloatArray] = []
     for _ in range(MOST_TRIED // (2 * INSIDE_SAMPLES)):
         points = mesh.bounds[0] + rng.random((2 * INSIDE_SAMPLES, 3)) * mesh.extent
-        found.append(points[heights(bvh, points) < 0.0])
+        found.append(points[mesh_signed_distance(bvh, points) < 0.0])
         if sum(map(len, found)) >= INSIDE_SAMPLES or not sum(map(len, found)):
             break
     return np.ascontiguousarray(np.concatenate(found)[:INSIDE_SAMPLES])
-
-
-def _heights(bvh: MeshBvh, center: FloatArray, radius: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return the signed distance [m] to the mesh of points on the spheres, as many on each."""
-    each = min(SPHERE_SAMPLES_EACH, max(LEAST_EACH, MOST_SAMPLES // len(radius)))
-    direction = rng.normal(size=(len(radius), each, 3))
-    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-    points = (center[:, None] + radius[:, None, None] * direction).reshape(-1, 3)
-    return heights(bvh, np.ascontiguousarray(points))

@@ -88,15 +88,15 @@ def judge_tree(
     """Return a tree of a file, in metres and in the mesh's frame, measured; arguments, errors as of `import_tree`."""
     notes = list(notes)
     spheres, extent = float(np.ptp(tree.bounds, axis=0).max()), float(mesh.extent.max())
-    gap = _mean_gap(sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0)), tree)
+    gap = _mean_gap(sample_mesh(mesh, _SAMPLES, np.random.default_rng(0)), tree)
     if not extent / _OFF_SIZE <= spheres <= extent * _OFF_SIZE:
         spans = f"its spheres span {1e3 * spheres:.4g} mm, but {mesh.name} {1e3 * extent:.4g} mm"
         raise InputError(f"{source}: {spans}: is it in another unit, or of another mesh?")
     if gap > OFF_PLACE * extent:
         raise InputError(f"{source}: {doubt(mesh, 0.0, gap)}")
     bvh = signed_bvh(mesh)
-    unproved = prove_cover(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius)[0].size
-    errors = measure_levels(mesh.vertices, mesh.faces, bvh, tree, seed, progress)
+    unproved = prove_cover(mesh, tree.leaf_center, tree.leaf_radius)[0].size
+    errors = measure_levels(mesh, bvh, tree, seed, progress)
     with named(source):
         in_doubt = doubt(mesh, errors[-1].protrusion_max, gap)
     if in_doubt:
@@ -127,7 +127,7 @@ def _placed(source: Path, mesh: Mesh, unit_length: float) -> tuple[SphereTree, s
     extent = float(mesh.extent.max())
     if np.abs(middle).max() <= _SAME * extent:
         return tree, "mesh", notes
-    points = sample_mesh(mesh.vertices, mesh.faces, _SAMPLES, np.random.default_rng(0))
+    points = sample_mesh(mesh, _SAMPLES, np.random.default_rng(0))
     given, centred = (_mean_gap(points, placed) for placed in (tree, shifted))
     if abs(given - centred) <= _SAME * extent:
         # Both cover the mesh: the one that sticks out less is where it belongs.

@@ -12,11 +12,11 @@ from hhsim.kernels.cover import greedy_cover as kernel
 from hhsim.kernels.cover.certify import MicroTriangles, cut_mesh, edges_for, halve
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
-from hhsim.kernels.mesh.bvh import MeshBvh, face_normals
+from hhsim.kernels.mesh.bvh import MeshBvh, face_normals, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.own_triangles import places_in
 from hhsim.mesh.shell import Shell
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
@@ -267,8 +267,7 @@ class MeshInFrame(NamedTuple):
 
 def in_own_frame(mesh: Mesh) -> MeshInFrame:
     """Prepare a mesh for covers; MeshError if one that has to be a solid encloses no volume."""
-    vertices, faces = mesh.vertices, np.ascontiguousarray(mesh.faces)
-    corner = np.ascontiguousarray(vertices[faces], np.float64).reshape(-1, 9)
+    vertices, faces, corner = mesh.vertices, mesh.faces, mesh.triangles.reshape(-1, 9)
     if mesh.shell is None:
         _require_volume(corner)
     frame = canonical_frame(vertices[np.unique(faces)])
@@ -300,7 +299,7 @@ def _inner_sides(vertices: FloatArray, faces: IntArray, normal: FloatArray, shel
     found[has] = face_normals(shell.vertices, shell.faces)[place[has]]
     left = np.flatnonzero((place < 0) & ~of_sheet)
     middle, away = vertices[faces[left]].mean(axis=1), _BESIDE * normal[left]
-    found[left[heights(bvh, middle + away) < heights(bvh, middle - away)]] *= -1.0
+    found[left[mesh_signed_distance(bvh, middle + away) < mesh_signed_distance(bvh, middle - away)]] *= -1.0
     return found
 
 

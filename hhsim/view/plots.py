@@ -87,19 +87,14 @@ LIVE_PLOTS = (FORCE, GLOVE, DEPTH, TIME, LOOP, CONTACTS)
 
 def force_values(phalanx: FloatArray, total: FloatArray) -> FloatArray:
     """Return `FORCE` [N] from phalanx forces (T, 5, 3, 3) and total (T, 3)."""
-    finger = np.einsum("tfpi->tfi", phalanx)
-    parts = total[:, None], finger, palm_force(phalanx, total)[:, None]
-    return np.concatenate([sizes(part) for part in parts], axis=1)
+    palm = body_forces(phalanx, total)[:, 15:]
+    return np.concatenate([sizes(part) for part in (total[:, None], np.einsum("tfpi->tfi", phalanx), palm)], axis=1)
 
 
 def body_forces(phalanx: FloatArray, total: FloatArray) -> FloatArray:
     """Return the contact forces on all phalanges and the palm [N], shape (T, 16, 3); arguments as of `force_values`."""
-    return np.concatenate([phalanx.reshape(-1, 15, 3), palm_force(phalanx, total)[:, None]], axis=1)
-
-
-def palm_force(phalanx: FloatArray, total: FloatArray) -> FloatArray:
-    """Return the contact force on the palm [N], shape (T, 3): the total without the phalanges' forces."""
-    return np.asarray(total - np.einsum("tfpi->ti", phalanx))
+    palm = total - np.einsum("tfpi->ti", phalanx)
+    return np.concatenate([phalanx.reshape(-1, 15, 3), palm[:, None]], axis=1)
 
 
 def sizes(vectors: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import trimesh
 from hhsim.kernels.cover.cover_error import union_distance
 from hhsim.kernels.mesh.bvh import build_mesh_bvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, with_inside
-from hhsim.mesh.signed_bvh import heights, signed_bvh
+from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import sample_mesh
 from hhsim.trees.options import TreeOptions
@@ -83,14 +83,14 @@ def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> No
     given, point, is_inside = CASES[name]
     mesh = kept(given)
     bvh = signed_bvh(mesh)
-    assert (heights(bvh, np.array([point]))[0] < 0.0) == is_inside
+    assert (mesh_signed_distance(bvh, np.array([point]))[0] < 0.0) == is_inside
     # Nothing far away is inside, and the distance is that to the triangles there.
     far = np.random.default_rng(2).normal(size=(500, 3))
-    away = heights(bvh, far)
+    away = mesh_signed_distance(bvh, far)
     assert np.allclose(away, np.abs(mesh_signed_distance(build_mesh_bvh(mesh.vertices, mesh.faces), far)))
     tree = build_sphere_tree(mesh, TreeOptions(level=2))
     assert tree.check(mesh) == ()
-    points = sample_mesh(given.vertices, given.faces, 4000, np.random.default_rng(1))
+    points = sample_mesh(given, 4000, np.random.default_rng(1))
     gap = np.empty(len(points))
     x, y, z = (np.ascontiguousarray(tree.leaf_center[:, k]) for k in range(3))
     union_distance(points, x, y, z, tree.leaf_radius.copy(), gap)

@@ -163,3 +163,19 @@ FIN = [*BALL.faces[0, :2], len(BALL.vertices)]
 def test_what_no_safe_repair_closes_is_refused(vertices: FloatArray, faces: IntArray, message: str) -> None:
     with pytest.raises(MeshError, match=message):
         closed_surface(vertices, faces, "test")
+
+
+@pytest.mark.parametrize("halvings", [2, 5])
+def test_triangles_with_no_inside_behind_are_refused_unless_they_are_few(halvings: int) -> None:
+    # The finer ball has more triangles than are looked at one by one.
+    ball = sphere(0.1, subdivisions=halvings)
+    for side, is_refused in ((0.02, True), (0.0005, False)):
+        # Both sides of a square, each cut along another diagonal: closed, and around nothing.
+        square = 0.1 + side * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+        sheets = len(ball.vertices) + np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
+        vertices, faces = np.concatenate([ball.vertices, square]), np.concatenate([ball.faces, sheets])
+        if is_refused:
+            with pytest.raises(MeshError, match="folded over itself: 4 triangles with no inside behind"):
+                closed_surface(vertices, faces, "ball")
+        else:
+            assert len(closed_surface(vertices, faces, "ball").faces) == len(faces)

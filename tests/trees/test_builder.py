@@ -43,10 +43,10 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
         ancestor = tree.parent[ancestor]
         distance = np.linalg.norm(tree.leaf_center - tree.center[ancestor], axis=1)
         assert (distance + tree.leaf_radius <= tree.radius[ancestor] * (1.0 + 1e-15)).all()
-    points = sample_mesh(mesh.vertices, mesh.faces, 3000, np.random.default_rng(9))
+    points = sample_mesh(mesh, 3000, np.random.default_rng(9))
     for level in range(tree.depth + 1):
         center, radius = tree.center[tree.level == level], tree.radius[tree.level == level]
-        assert prove_cover(mesh.vertices, mesh.faces, center, radius)[0].size == 0
+        assert prove_cover(mesh, center, radius)[0].size == 0
         center, radius = tree.spheres(level)
         assert tree.errors[level].bound == pytest.approx(tree.covers[level].bound)
         assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 0.0

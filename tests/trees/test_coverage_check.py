@@ -60,7 +60,7 @@ def test_a_smaller_ball_is_found() -> None:
         assert "does not contain it" in faults_of(replace(cover, radius=radius))[0]
     # Each of them is as small as it can be: less by a thousandth of the bound, no proof whatever would do.
     radius = cover.radius - 1e-3 * cover.bound
-    assert prove_cover(MESH.vertices, MESH.faces, cover.center, radius)[0].size
+    assert prove_cover(MESH, cover.center, radius)[0].size
     assert faults_of(replace(cover, radius=radius))
 
 

@@ -38,7 +38,7 @@ def test_errors_are_true() -> None:
 def test_a_lone_ball_in_closed_form() -> None:
     bvh = build_mesh_bvh(MESH.vertices, MESH.faces)
     tree = build_hierarchy(np.zeros((1, 3)), np.array([0.06]), 1, 8)
-    error = measure_levels(MESH.vertices, MESH.faces, bvh, tree)[-1]
+    error = measure_levels(MESH, bvh, tree)[-1]
     assert error.bound == pytest.approx(0.01)
     assert error.protrusion_max == pytest.approx(0.01, rel=1e-3)
     # Each face lets a cap through whose heights are spread evenly: Archimedes.

@@ -45,7 +45,7 @@ def test_covers_everything_by_proof_and_by_points(name: str, leaves: int, minimi
     tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves, minimise=minimise))
     assert 1 <= tree.leaf_count <= leaves
     assert tree.check(mesh) == ()
-    points = sample_mesh(mesh.vertices, mesh.faces, 20_000, np.random.default_rng(7))
+    points = sample_mesh(mesh, 20_000, np.random.default_rng(7))
     away = np.linalg.norm(points[:, None] - tree.leaf_center, axis=2) - tree.leaf_radius
     assert away.min(axis=1).max() <= 0.0
     assert dict(tree.options)["minimise"] == minimise
@@ -55,7 +55,7 @@ def best_protrusion(mesh: Mesh, spheres: int) -> float:
     """The least cost of so many spheres at many points of a mesh, by a derivative-free search from many starts."""
     rng = np.random.default_rng(4)
     bvh = build_mesh_bvh(mesh.vertices, mesh.faces)
-    points = np.concatenate([mesh.vertices, sample_mesh(mesh.vertices, mesh.faces, 1500, rng)])
+    points = np.concatenate([mesh.vertices, sample_mesh(mesh, 1500, rng)])
 
     def cost(flat: FloatArray) -> float:
         center = flat.reshape(-1, 3)

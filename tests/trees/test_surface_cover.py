@@ -45,7 +45,7 @@ def test_covers_with_the_balls_it_may_have(name: str, spheres: int) -> None:
     center, radius = build_cover(vertices, faces, spheres)
     assert 1 <= len(radius) <= spheres
     assert (radius > 0.0).all()
-    assert prove_cover(vertices, faces, center, radius)[0].size == 0
+    assert prove_cover(Mesh(vertices, faces), center, radius)[0].size == 0
 
 
 POINTS = {

@@ -18,6 +18,8 @@ from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 
+Flags = NDArray[np.bool_]
+
 _TRIALS = 10
 """Trials to move a sphere before it is the next one's turn."""
 _LONGER, _SHORTER, _SHORTEST = 1.5, 0.85, 1e-3
@@ -86,6 +88,15 @@ def _number_inside(points: Array, count: int, x: float, y: float, z: float, radi
 
 
 @jit_allocating
+def lie_outside(bvh: MeshBvh, points: Array, most: float, outside_out: Flags) -> None:
+    """Mark the points [m], shape (n, 3), that lie outside of the mesh by `most` [m] or less."""
+    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
+    for i in range(points.shape[0]):
+        depth, _, _, _ = depth_at(bvh, points[i, 0], points[i, 1], points[i, 2], most * most, stack, stack_distance2)
+        outside_out[i] = -np.inf < depth < 0.0
+
+
+@jit_allocating
 def reduce_outside(
     bvh: MeshBvh, triangles: Array, outside: Array, most: float, shift: Array, step: float, center: Array, radius: Array
 ) -> int:
@@ -120,12 +131,12 @@ def reduce_outside(
             needed = _needed_radius(own, owned, tx, ty, tz, square) * (1.0 + 1e-12)
             better = False
             if needed >= 0.0:
-                depth, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2)
-                if needed - depth <= most:
-                    free = _number_inside(empty, emptied, tx, ty, tz, needed, square)
-                    better = free < least or (free == least and needed < r)
-                    if better:
-                        x, y, z, r, least = tx, ty, tz, needed, free
+                free = _number_inside(empty, emptied, tx, ty, tz, needed, square)
+                if free < least or (free == least and needed < r):
+                    depth, _, _, _ = depth_at(bvh, tx, ty, tz, np.inf, stack, stack_distance2)
+                    better = needed - depth <= most
+                if better:
+                    x, y, z, r, least = tx, ty, tz, needed, free
             if visit >= 0:
                 length[i] *= _LONGER if better else _SHORTER
                 if length[i] < _SHORTEST * step:
@@ -138,8 +149,6 @@ def reduce_outside(
         left += 1 if filled[p] > 0 else 0
     return left
 
-
-Flags = NDArray[np.bool_]
 
 _CHUNK = 64
 

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.cover.certify import CUT_STACK
-from hhsim.kernels.cover.sphere_descent import depth_at
-from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
+from hhsim.kernels.cover.certify import CUT_STACK, MicroTriangles
+from hhsim.kernels.cover.sphere_descent import UNKNOWN, depth_at, same_side
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
 from hhsim.kernels.triangle import halve_triangle, longest_edge, triangle_at
@@ -139,6 +139,11 @@ def _sum_slopes(
         slope_out[i, 3] += weight
 
 
+@jit_inline
+def _square(x: float, y: float, z: float) -> float:
+    return x * x + y * y + z * z
+
+
 @jit_allocating
 def descend_together(
     bvh: MeshBvh,
@@ -163,6 +168,7 @@ def descend_together(
     owner, cost, second = np.empty(count, np.int64), np.empty(count), np.empty(count)
     depth, slope, step = np.empty(spheres), np.empty((spheres, 4)), np.empty((spheres, 3))
     away, spare, best, near = np.empty((spheres, 3)), np.empty(spheres), center.copy(), np.empty(spheres)
+    before, closest = np.empty((spheres, 3)), np.empty((spheres, 3))
     ball = np.empty(((count + BLOCK - 1) // BLOCK, 4))
     enclose_blocks(points, ball)
     stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
@@ -174,9 +180,16 @@ def descend_together(
         for turn in range(rounds + 1):
             for i in range(spheres):
                 x, y, z = center[i, 0], center[i, 1], center[i, 2]
-                depth[i], qx, qy, qz = depth_at(bvh, x, y, z, np.inf, stack, stack_distance2)
+                limit2, side = np.inf, UNKNOWN
+                if turn > 0:
+                    # No farther than the place that was the closest one before the step.
+                    limit2 = _square(x - closest[i, 0], y - closest[i, 1], z - closest[i, 2]) * (1.0 + 1e-9) + 1e-18
+                    side = same_side(depth[i], _square(x - before[i, 0], y - before[i, 1], z - before[i, 2]))
+                depth[i], qx, qy, qz = depth_at(bvh, x, y, z, limit2, stack, stack_distance2, side)
                 inverse = 1.0 / depth[i] if depth[i] != 0.0 else 0.0
                 away[i, 0], away[i, 1], away[i, 2] = (x - qx) * inverse, (y - qy) * inverse, (z - qz) * inverse
+                before[i, 0], before[i, 1], before[i, 2] = x, y, z
+                closest[i, 0], closest[i, 1], closest[i, 2] = qx, qy, qz
             dearest = find_owners(points, ball, center, depth, near, owner, cost, second)
             largest = cost[dearest]
             if largest < least:
@@ -218,26 +231,6 @@ _HALVINGS = 40
 
 
 @jit
-def _find_near(t: Array, center: Array, depth: Array, near_out: Indices) -> int:
-    """Find the spheres under which a place of a triangle may cost least; return how many."""
-    square = 0.0
-    for v in (3, 6):
-        square = max(square, (t[v] - t[0]) ** 2 + (t[v + 1] - t[1]) ** 2 + (t[v + 2] - t[2]) ** 2)
-    # At no place of the triangle a cost differs by over this from that at its first corner.
-    size, least = math.sqrt(square), np.inf
-    for i in range(depth.shape[0]):
-        dx, dy, dz = t[0] - center[i, 0], t[1] - center[i, 1], t[2] - center[i, 2]
-        least = min(least, math.sqrt(dx * dx + dy * dy + dz * dz) - depth[i])
-    count = 0
-    for i in range(depth.shape[0]):
-        dx, dy, dz = t[0] - center[i, 0], t[1] - center[i, 1], t[2] - center[i, 2]
-        if math.sqrt(dx * dx + dy * dy + dz * dz) - depth[i] <= least + 2.0 * size + ROUNDING:
-            near_out[count] = i
-            count += 1
-    return count
-
-
-@jit
 def _corner_costs(t: Array, center: Array, depth: Array, near: Indices, count: int, costs_out: Array) -> None:
     """Compute the costs [m] of a triangle's corners a, b, c and, last, of all of it under one of the near spheres."""
     costs_out[:] = np.inf
@@ -253,37 +246,61 @@ def _corner_costs(t: Array, center: Array, depth: Array, near: Indices, count: i
 
 @jit_allocating
 def find_dearest(
-    corner: Array, center: Array, depth: Array, doubt: float, known: float, piece_out: Array, cost_out: Array
+    micro: MicroTriangles,
+    center: Array,
+    depth: Array,
+    doubt: float,
+    known: float,
+    dear: float,
+    piece_out: Array,
+    cost_out: Array,
 ) -> float:
-    """Find the piece of each triangle, (M, 9) [m], with the corner that costs most under its best sphere.
+    """Find the piece of each micro-triangle, (M, 9) [m], with the corner that costs most under its best sphere.
 
     Only where a triangle may cost more than all that is known, by the share `doubt` of it, it is halved, and the halves
     looked at: where spheres meet, the corners of a small piece belong to each of them. Writes pieces, (M, 9) [m], and
-    the costs of those corners, (M,) [m]; returns a bound of the cost of the whole surface.
+    the costs of those corners, (M,) [m], −inf where all cost at most `dear` [m], which is less than `known`; returns a
+    bound of the cost of the whole surface. The micro-triangles are as they were cut, none halved since.
     """
     stack, level, costs = np.empty((CUT_STACK, 9)), np.empty(CUT_STACK, np.int64), np.empty(4)
-    near, bound = np.empty(depth.shape[0], np.int64), 0.0
-    for m in range(corner.shape[0]):
-        cost_out[m] = -np.inf
-        count = _find_near(corner[m], center, depth, near)
-        stack[0] = corner[m]
-        level[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            t = stack[top]
-            _corner_costs(t, center, depth, near, count, costs)
-            for v in range(3):
-                if costs[v] > cost_out[m]:
-                    cost_out[m] = costs[v]
-                    piece_out[m] = t
-            known = max(known, cost_out[m])
-            if costs[3] <= known * (1.0 + doubt) or level[top] >= _HALVINGS or top + 2 > CUT_STACK:
-                bound = max(bound, costs[3])
-                continue
-            triangle = triangle_at(stack, top)
-            halve_triangle(triangle, longest_edge(triangle)[0], stack[top : top + 2])
-            level[top] += 1
-            level[top + 1] = level[top]
-            top += 2
+    spheres, near, value = depth.shape[0], np.empty(depth.shape[0], np.int64), np.empty(depth.shape[0])
+    cost_out[:] = -np.inf
+    bound = 0.0
+    for node in range(micro.start.shape[0]):
+        if micro.right[node] >= 0:
+            continue
+        # At no place of a block a cost differs by over its radius from that at its centre.
+        x, y, z = micro.center[node, 0], micro.center[node, 1], micro.center[node, 2]
+        radius, least = micro.radius[node], np.inf
+        for i in range(spheres):
+            value[i] = math.sqrt(_square(x - center[i, 0], y - center[i, 1], z - center[i, 2])) - depth[i]
+            least = min(least, value[i])
+        if least + radius <= dear - ROUNDING:
+            continue
+        count = 0
+        for i in range(spheres):
+            if value[i] <= least + 2.0 * radius + ROUNDING:
+                near[count] = i
+                count += 1
+        for m in range(micro.start[node], micro.end[node]):
+            stack[0] = micro.corner[m]
+            level[0] = 0
+            top = 1
+            while top > 0:
+                top -= 1
+                t = stack[top]
+                _corner_costs(t, center, depth, near, count, costs)
+                for v in range(3):
+                    if costs[v] > cost_out[m]:
+                        cost_out[m] = costs[v]
+                        piece_out[m] = t
+                known = max(known, cost_out[m])
+                if costs[3] <= known * (1.0 + doubt) or level[top] >= _HALVINGS or top + 2 > CUT_STACK:
+                    bound = max(bound, costs[3])
+                    continue
+                triangle = triangle_at(stack, top)
+                halve_triangle(triangle, longest_edge(triangle)[0], stack[top : top + 2])
+                level[top] += 1
+                level[top + 1] = level[top]
+                top += 2
     return bound

@@ -73,19 +73,10 @@ def depth_at(
     else:
         box = bvh.bound[0]
         in_box = box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]
-        is_outside = not (in_box and winding_at(bvh, bvh.moments, x, y, z, stack) > 0.5)
+        is_outside = not (in_box and winding_at(bvh, x, y, z, stack) > 0.5)
     if is_outside:
         depth = -depth
     return depth, qx, qy, qz
-
-
-@jit_allocating
-def depths_at(bvh: MeshBvh, points: Array, depth_out: Array) -> None:
-    """Compute the depths [m], negative outside, of points [m], shape (n, 3)."""
-    stack, stack_distance2 = np.empty(STACK, np.int64), np.empty(STACK)
-    for i in range(points.shape[0]):
-        depth, _, _, _ = depth_at(bvh, points[i, 0], points[i, 1], points[i, 2], np.inf, stack, stack_distance2)
-        depth_out[i] = depth
 
 
 @jit

@@ -94,14 +94,6 @@ class WindingMoments(NamedTuple):
     moment: Array  # sums of area vectors n [m²] and of (centroid − center) n [m³] row by row, (N, 12)
 
 
-def winding_moments(bvh: Any) -> WindingMoments:
-    """Compute the moments for the nodes of a `MeshBvh`, which holds such moments itself."""
-    nodes = len(bvh.start)
-    moments = WindingMoments(np.empty((nodes, 3)), np.empty(nodes), np.empty((nodes, 12)))
-    _sum_moments(bvh, moments)
-    return moments
-
-
 @jit_allocating
 def _sum_moments(bvh: Any, moments: WindingMoments) -> None:
     area = np.empty(bvh.corner.shape[0])
@@ -145,8 +137,9 @@ def _sum_moments(bvh: Any, moments: WindingMoments) -> None:
 
 
 @jit
-def winding_at(bvh: Any, moments: WindingMoments, x: float, y: float, z: float, stack: Indices) -> float:
-    """Compute the winding number [-] at one point [m], with a stack of shape (STACK,)."""
+def winding_at(bvh: Any, x: float, y: float, z: float, stack: Indices) -> float:
+    """Compute the winding number [-] of a `MeshBvh` at one point [m], with a stack of shape (STACK,)."""
+    moments = bvh.moments
     far = 0.0
     real, imaginary = 1.0, 0.0
     turns = 0
@@ -180,11 +173,17 @@ def winding_at(bvh: Any, moments: WindingMoments, x: float, y: float, z: float, 
 
 
 @jit_allocating
-def fast_winding_numbers(bvh: Any, moments: WindingMoments, points: Array, winding_out: Array) -> None:
-    """Compute the winding numbers [-], shape (n,), at points [m], shape (n, 3)."""
+def _fast_winding_numbers(bvh: Any, points: Array, winding_out: Array) -> None:
     stack = np.empty(STACK, np.int64)
     for i in range(points.shape[0]):
-        winding_out[i] = winding_at(bvh, moments, points[i, 0], points[i, 1], points[i, 2], stack)
+        winding_out[i] = winding_at(bvh, points[i, 0], points[i, 1], points[i, 2], stack)
+
+
+def fast_winding_numbers(bvh: Any, points: Array) -> Array:
+    """Compute the winding numbers [-] of a `MeshBvh` built by winding at points [m], shape (n, 3); shape (n,)."""
+    winding = np.empty(len(points))
+    _fast_winding_numbers(bvh, np.ascontiguousarray(points, np.float64), winding)
+    return winding
 
 
 _LEAF_TRIANGLES = 4
@@ -251,9 +250,12 @@ def build_mesh_bvh(vertices: Array, faces: Indices, signed: bool = True, by_wind
     corner = np.ascontiguousarray(corners.reshape(-1, 9))
     _bound(corner, tree.start, tree.end, tree.right, bound)
     normal = pseudonormals(vertices, faces)[tree.order] if signed else np.zeros((len(faces), 7, 3))
-    unsummed = WindingMoments(np.empty((0, 3)), np.empty(0), np.empty((0, 12)))
-    bvh = MeshBvh(corner, np.ascontiguousarray(normal), tree.order, bound, tree.start, tree.end, tree.right, unsummed)
-    return bvh._replace(moments=winding_moments(bvh)) if by_winding else bvh
+    nodes = len(tree.start) if by_winding else 0
+    moments = WindingMoments(np.empty((nodes, 3)), np.empty(nodes), np.empty((nodes, 12)))
+    bvh = MeshBvh(corner, np.ascontiguousarray(normal), tree.order, bound, tree.start, tree.end, tree.right, moments)
+    if by_winding:
+        _sum_moments(bvh, moments)
+    return bvh
 
 
 @jit_allocating
@@ -368,14 +370,13 @@ def signed_distance(
 ) -> tuple[float, float, float, float]:
     """Compute the signed distance [m] of one point, negative inside, and the closest point of the mesh (x, y, z)."""
     triangle, x, y, z, d2, feature = closest_on_mesh(bvh, px, py, pz, np.inf, stack, stack_distance2)
-    distance = math.sqrt(d2)
-    if bvh.moments.radius.shape[0] > 0:
-        inside = winding_at(bvh, bvh.moments, px, py, pz, stack) > 0.5
-    else:
-        inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
-    if inside and not beyond(bvh, px, py, pz):
-        distance = -distance
-    return distance, x, y, z
+    distance, inside = math.sqrt(d2), False
+    if not beyond(bvh, px, py, pz):
+        if bvh.moments.radius.shape[0] > 0:
+            inside = winding_at(bvh, px, py, pz, stack) > 0.5
+        else:
+            inside = triangle >= 0 and not outside(bvh, triangle, feature, px - x, py - y, pz - z)
+    return -distance if inside else distance, x, y, z
 
 
 @jit_allocating

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, WindingMoments, closest_on_mesh, winding_at
+from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, winding_at
 from hhsim.kernels.triangle import ray_crossing
 
 _BITS = 20
@@ -242,27 +242,6 @@ _STEP = 1e-6
 """Share of a segment before and behind a triangle at which the inside is evaluated."""
 
 
-class SolidField(NamedTuple):
-    """A solid: enclosing triangles, wound outward."""
-
-    bvh: MeshBvh
-    moments: WindingMoments  # of `bvh`
-
-
-@jit
-def inside_at(field: SolidField, x: float, y: float, z: float, stack: Indices) -> bool:
-    """Return True if a point [m] lies inside."""
-    return bool(winding_at(field.bvh, field.moments, x, y, z, stack) > 0.5)
-
-
-@jit_allocating
-def inside(field: SolidField, points: Array, inside_out: Bools) -> None:
-    """Mark the points [m], shape (n, 3), that lie inside."""
-    stack = np.empty(STACK, np.int64)
-    for i in range(points.shape[0]):
-        inside_out[i] = inside_at(field, points[i, 0], points[i, 1], points[i, 2], stack)
-
-
 @jit_allocating
 def near(bvh: MeshBvh, points: Array, distance: float, near_out: Bools) -> None:
     """Mark the points [m], shape (n, 3), that have a triangle within a distance [m]."""
@@ -320,15 +299,16 @@ def segment_hits(bvh: MeshBvh, p: Array, d: Array, stack: Indices, hits: Array) 
 
 
 @jit_inline
-def _inside_on(field: SolidField, p: Array, d: Array, s: float, stack: Indices) -> bool:
-    return inside_at(field, p[0] + s * d[0], p[1] + s * d[1], p[2] + s * d[2], stack)
+def _inside_on(bvh: MeshBvh, p: Array, d: Array, s: float, stack: Indices) -> bool:
+    """Return True if the point at a share of d from p [m] lies inside."""
+    return bool(winding_at(bvh, p[0] + s * d[0], p[1] + s * d[1], p[2] + s * d[2], stack) > 0.5)
 
 
 @jit_allocating
-def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) -> None:
+def leave_inside(bvh: MeshBvh, start: Array, end: Array, share_out: Array) -> None:
     """Compute the share, between 0 and 1, at which each segment from inside to outside [m] first leaves the inside.
 
-    Exact where it meets a triangle, and by bisection where the inside ends without one.
+    Of a hierarchy built by winding: exact where it meets a triangle, by bisection where the inside ends without one.
     """
     stack, hits = np.empty(STACK, np.int64), np.empty(_MOST_HITS)
     d = np.empty(3)
@@ -336,7 +316,7 @@ def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) 
         p = start[i]
         for k in range(3):
             d[k] = end[i, k] - p[k]
-        count = min(segment_hits(field.bvh, p, d, stack, hits), as_int64(_MOST_HITS))
+        count = min(segment_hits(bvh, p, d, stack, hits), as_int64(_MOST_HITS))
         low, high = 0.0, 1.0
         # Most segments have one hit, where the inside ends.
         at = hits[0] if count == 1 else -1.0
@@ -347,7 +327,7 @@ def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) 
                 if not after > before:
                     continue
                 middle = 0.5 * (before + after)
-                if _inside_on(field, p, d, middle, stack):
+                if _inside_on(bvh, p, d, middle, stack):
                     low = middle
                 else:
                     high = middle
@@ -355,16 +335,16 @@ def leave_inside(field: SolidField, start: Array, end: Array, share_out: Array) 
                     break
         if at > low:
             ahead, behind = max(at - _STEP, low), min(at + _STEP, high)
-            if not _inside_on(field, p, d, ahead, stack):
+            if not _inside_on(bvh, p, d, ahead, stack):
                 high = ahead
-            elif not _inside_on(field, p, d, behind, stack):
+            elif not _inside_on(bvh, p, d, behind, stack):
                 share_out[i] = at
                 continue
             else:
                 low = behind
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            if _inside_on(field, p, d, middle, stack):
+            if _inside_on(bvh, p, d, middle, stack):
                 low = middle
             else:
                 high = middle
