@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import functools
 import gc
 import importlib
 import importlib.metadata
@@ -16,7 +17,9 @@ from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
+from numba.np import numpy_support
 from renewed import FAILED
+from sealed_change import know_as_sound
 
 from hhsim.registry import declared
 
@@ -33,6 +36,9 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # As many workers as processors: threads of BLAS would wait for a processor that another worker has, and burn their own
 # while they wait. Read when numpy is loaded, here and in the processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Numba derives the types of a record's fields anew whenever it is passed, which is a quarter of a short replay.
+pytest.MonkeyPatch().setattr(numpy_support, "from_dtype", functools.cache(numpy_support.from_dtype))
 
 # To collect thousands of tests makes much and frees little, which the collector would look through a hundred times.
 gc.disable()
@@ -137,6 +143,23 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.enable()
     atexit.register(gc.unfreeze)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_results_are_sound() -> Iterator[None]:
+    """A result that this process has written is not read by a child first, which takes as long as half a replay."""
+    from hhsim.result.writer import ResultWriter
+
+    finish = ResultWriter.finish
+
+    def finished(self: ResultWriter, *arguments: Any, **options: Any) -> Path:
+        path = finish(self, *arguments, **options)
+        know_as_sound(path)
+        return path
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ResultWriter, "finish", finished)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+HHSIM = (sys.executable, "-P", "-c", "from hhsim.cli.main import main; main()")
+"""Words that begin the command as a process of its own; the current folder is not where its modules come from (-P)."""
+
 
 def hhsim_command(folder: Path) -> Path:
-    """Write the command into a folder; the current folder is not where its modules come from (-P)."""
+    """Write the command into a folder."""
     path = folder / "hhsim"
-    code = "from hhsim.cli.main import main; main()"
-    path.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -P -c {shlex.quote(code)} "$@"\n')
+    path.write_text(f'#!/bin/sh\nexec {shlex.join(HHSIM)} "$@"\n')
     path.chmod(0o755)
     return path
 

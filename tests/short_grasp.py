@@ -5,8 +5,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sealed_change import know_as_sound
-
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
@@ -63,7 +61,6 @@ def with_motion(scene: Scene, motion: Script | Trajectory, **options: Any) -> Sc
 def result_of(scene: Scene, path: Path, description: dict[str, Any] | None = None, **options: Any) -> Result:
     """A scene replayed into a file."""
     replay_scene(scene, SolverOptions(**options), path, description=description)
-    know_as_sound(path)
     return load_result(path)
 
 

@@ -15,6 +15,7 @@ import click
 import numpy as np
 import pytest
 from conftest import Run
+from own_command import HHSIM
 
 import hhsim
 from hhsim.errors import InputError
@@ -24,7 +25,6 @@ from hhsim.trees.foreign_tree import load_sph
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 entry = importlib.import_module(POINT.module)
 COMMANDS: dict[str, str] = entry.COMMANDS
-HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
 def test_help_imports_nothing_that_is_slow() -> None:

@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run, Terminal
+from own_command import HHSIM
 from sampled import sampled
 from short_grasp import short_grasp_text
 
@@ -18,7 +19,6 @@ from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS, hand_columns
 
 pytestmark = pytest.mark.slow
-MAIN = "from hhsim.cli.main import main; main()"
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def short(tmp_path: Path) -> Path:
 
 
 def hhsim(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", MAIN, *arguments]
+    command = [*HHSIM, *arguments]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, stdin=subprocess.DEVNULL)
 
 
@@ -147,7 +147,7 @@ LONG = short_grasp_text().replace("duration = 0.05\n", "duration = 30.0\n")
 def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     path = tmp_path / "run.h5"
-    command = [sys.executable, "-c", MAIN, "replay", "cube", "long.toml", "--level", "2", "--out", path.name]
+    command = [*HHSIM, "replay", "cube", "long.toml", "--level", "2", "--out", path.name]
     process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while process.poll() is None and not (path.exists() and has_ticks(path)):
         time.sleep(0.05)

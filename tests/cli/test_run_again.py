@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from conftest import Run
+from drawings_alone import leave_report_undrawn
 from file_faults import forge_scene
 from sealed_change import changed
 from short_grasp import short_grasp_text
@@ -92,7 +93,10 @@ class Follower:
 """
 
 
-def test_code_that_a_result_names_is_imported_with_trust_alone(run: Run, result: Path, tmp_path: Path) -> None:
+def test_code_that_a_result_names_is_imported_with_trust_alone(
+    run: Run, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leave_report_undrawn(monkeypatch)
     (tmp_path / "stranger.py").write_text(STRANGER)
     with changed(result) as file:
         forge_scene(file, lambda scene: scene["solver"].update(method="stranger:Follower"))

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from conftest import Run
 from file_faults import forge_scene
 from gate_scene import SUITE, write_suite
 from sealed_change import changed
@@ -38,8 +39,6 @@ from hhsim.result.reader import load_result
 from hhsim.scene.scene import open_scene
 from hhsim.solver.method import METHODS, PROMISES
 from hhsim.solver.options import SolverOptions
-
-Run = Callable[..., Any]
 
 TINY = parse_suite(SUITE, Path(), "tiny")
 SLACK = dict.fromkeys(COUNTERS, 0.005)

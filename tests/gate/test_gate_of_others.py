@@ -14,6 +14,7 @@ from conftest import Answer, Run
 from file_faults import Fault, at, attribute
 from gate_scene import SHORT
 from live_session import write_session
+from own_command import HHSIM
 from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
@@ -102,8 +103,7 @@ def write_recording(path: Path, depth: float) -> None:
 
 def hhsim(*arguments: str, folder: Path) -> "subprocess.CompletedProcess[bytes]":
     """The command in a process of its own, as a user types it in a folder."""
-    command = [sys.executable, "-P", "-c", "from hhsim.cli.main import main; main()", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True)
+    return subprocess.run([*HHSIM, *arguments], cwd=folder, capture_output=True)
 
 
 @pytest.fixture(scope="module")

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from conftest import Run
 from gate_scene import SUITE, write_suite
 from own_command import hhsim_command
 from sampled import sampled
@@ -24,8 +25,6 @@ from hhsim.gate.run import RunFailed, Side, find_side, measured, this_python
 from hhsim.gate.suite import GateScene, load_suite
 
 pytestmark = pytest.mark.slow
-
-Run = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
+from own_command import HHSIM
 
 from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_noinline, jit_pasted
 
@@ -32,7 +32,7 @@ def test_a_kernel_that_does_not_say_so_can_make_no_array(decorator: Callable[...
 @pytest.mark.parametrize("options", ["--method coupled", "--method progressive --force paper", "--method paper"])
 def test_ticks_with_checked_bounds_are_the_same_to_rounding(tmp_path: Path, options: str) -> None:
     def replay(arguments: str, **environment: str) -> str:
-        command = [sys.executable, "-c", "from hhsim.cli.main import main; main()", "replay", *arguments.split()]
+        command = [*HHSIM, "replay", *arguments.split()]
         given = {**os.environ, **environment}
         return subprocess.run(command, env=given, capture_output=True, text=True, check=True).stdout
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Run
 from live_scripted import FIST, FREE, FakeClock, InStep, make_setup
 
 from hhsim.live.device import DeviceError, FingerRelease
@@ -19,8 +20,6 @@ from hhsim.live.gloves import GLOVES, POSES, PoseConfig, configure, open_device,
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import OutputLimits, SafetyLimits
 from hhsim.motion.trajectory import Trajectory
-
-Run = Callable[..., Any]
 
 TEXT_GLOVE = '''
 """Bends read from a file of text: five numbers a line, a line a sample."""

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from own_command import HHSIM
 from sweep_plans import PLAN, without_times, write_plan
 
 pytestmark = pytest.mark.soak
@@ -18,7 +19,7 @@ KILLS = 5
 WIDE = PLAN.replace('["cylinder"]', '["cylinder", "cube", "cup"]').replace(
     '["short.toml"]', '["short.toml", "pinch", "grasp", "touch"]'
 )
-ENTRY = (sys.executable, "-c", "from hhsim.cli.main import main; main()", "sweep", "plan.toml", "--quiet")
+ENTRY = (*HHSIM, "sweep", "plan.toml", "--quiet")
 
 
 @contextlib.contextmanager

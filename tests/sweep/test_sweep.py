@@ -3,11 +3,12 @@
 import json
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import Run
 from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import OutputError
@@ -19,7 +20,6 @@ from hhsim.sweep.input_files import CHANGED, source_digest
 from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import CellTask, SweepFolder, SweepSummary, cell_rows, run_sweep
 
-Run = Callable[..., Any]
 pytestmark = pytest.mark.slow
 
 BROKEN = '''
@@ -129,6 +129,7 @@ def test_a_cell_that_failed_is_tried_again(
 
 
 @pytest.mark.parametrize("name", ["thing.obj", "short.toml", "hand.toml", "part.obj"])
+@pytest.mark.quick("short.toml", "part.obj")
 def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:

@@ -12,25 +12,29 @@ from tools.golden import GOLDEN, ROUNDED, SCENES, keep, load, moved, run
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(autouse=True)
-def in_the_checkout(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(GOLDEN.parent.parent)
+@pytest.fixture(scope="module", params=SCENES)
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_a_golden_run_is_made_again(name: str, tmp_path: Path) -> None:
-    run(name, tmp_path / "run.h5")
-    row = moved(load(name), keep(tmp_path / "run.h5"))
+@pytest.fixture(scope="module")
+def made(name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The result of a scene, which runs once for all that is asked of it."""
+    out = tmp_path_factory.mktemp("golden") / "run.h5"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(GOLDEN.parent.parent)
+        run(name, out)
+    return out
+
+
+def test_a_golden_run_is_made_again(name: str, made: Path) -> None:
+    row = moved(load(name), keep(made))
     assert row is None or (ROUNDED in SCENES[name] and not row["faults"]), row
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.quick(
-    *("bunny-grasp-mesh", "cube-pinch-paper", "two-hands-teapot", "door-swing", "blocks-stack", "laptop-close")
-)
-def test_the_referee_finds_nothing_false(name: str, tmp_path: Path) -> None:
-    run(name, tmp_path / "run.h5")
-    found = verify(load_result(tmp_path / "run.h5"))
+@pytest.mark.quick(*("bunny-grasp-mesh", "cube-pinch-paper", "two-hands-teapot", "door-swing", "blocks-stack"))
+def test_the_referee_finds_nothing_false(made: Path) -> None:
+    found = verify(load_result(made))
     assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]
 
 

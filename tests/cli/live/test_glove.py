@@ -9,17 +9,16 @@ import re
 import select
 import signal
 import subprocess
-import sys
 import termios
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Run
 from live_peers import PATIENCE, until
 from machine_share import Late, keeps_time
+from own_command import HHSIM
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
@@ -34,9 +33,6 @@ from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
 
 pytestmark = pytest.mark.slow
-
-Run = Callable[..., Any]
-HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
 @keeps_time

@@ -14,7 +14,6 @@ import resource
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -41,6 +40,7 @@ from live_drill import (
 from live_peers import free_ports
 from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
+from own_command import HHSIM
 from renewed import Renewed
 from sampled import sampled
 
@@ -70,7 +70,6 @@ def hang(self, samples_out):
 DexmoGlove.read = hang
 """
 """Has a driver's thread hang as long as a file is there, and fail where it is not empty."""
-HHSIM = [sys.executable, "-c", "from hhsim.cli.main import main; main()"]
 
 
 @pytest.fixture(scope="module", autouse=True)
