@@ -23,8 +23,8 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 47_760, "build_tree": 15_180}
-"""Lines that a command can import, of some 81,400; who lowers what it imports lowers these."""
+MOST_LINES = {"replay": 47_570, "build_tree": 15_090}
+"""Lines that a command can import, of some 81,100; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
     for name in ("bench", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")
