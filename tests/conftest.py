@@ -2,7 +2,6 @@
 
 import atexit
 import contextlib
-import functools
 import gc
 import importlib
 import importlib.metadata
@@ -17,7 +16,6 @@ from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
-from numba.np import numpy_support
 from renewed import FAILED
 from sealed_change import know_as_sound
 
@@ -36,9 +34,6 @@ signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # As many workers as processors: threads of BLAS would wait for a processor that another worker has, and burn their own
 # while they wait. Read when numpy is loaded, here and in the processes that tests start.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-# Numba derives the types of a record's fields anew whenever it is passed, which is a quarter of a short replay.
-pytest.MonkeyPatch().setattr(numpy_support, "from_dtype", functools.cache(numpy_support.from_dtype))
 
 # To collect thousands of tests makes much and frees little, which the collector would look through a hundred times.
 gc.disable()

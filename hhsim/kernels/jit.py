@@ -10,6 +10,7 @@ import numpy as np
 from numba import types
 from numba.core.typing.templates import AbstractTemplate, infer_global
 from numba.extending import intrinsic
+from numba.np import numpy_support
 from numpy.typing import ArrayLike, NDArray
 
 from hhsim.kernels.callee import Kernel
@@ -30,6 +31,9 @@ as_bool = cast(Callable[[bool], bool], np.bool_)
 
 F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R")
+
+# numba derives the types of a record's fields anew whenever one is passed: a quarter of a short replay.
+numpy_support.from_struct_dtype = functools.cache(numpy_support.from_struct_dtype)
 
 
 def as_argument(values: ArrayLike) -> NDArray[np.float64]:
