@@ -22,7 +22,7 @@ from hhsim.system.hdf5_input import hdf5_format, open_hdf5
 
 WRITERS = {
     "hhsim/result/writer.py",
-    *("hhsim/system/atomic_write.py", "hhsim/recordings/formats/hhsim.py", "hhsim/recordings/content.py"),
+    *("hhsim/system/atomic_write.py", "hhsim/recordings/formats/hhsim.py", "hhsim/recordings/formats/egodex.py"),
 }
 DOOR = {"hhsim/system/hdf5_input.py"}
 
