@@ -222,7 +222,7 @@ def keep_bound(
     if not hindered and progress.snapped == 0:
         return fraction
     bound = progress.bound if hindered else progress.bound + IN_THE_AIR * progress.behind
-    if not state.prediction.is_predicted and progress.path + fraction * longest <= bound:
+    if progress.path + fraction * longest <= bound:
         # The path, which is known, is no shorter than the way from where the tick began.
         return fraction
     gone = farthest_joint(state.pose.joints, progress.start)
