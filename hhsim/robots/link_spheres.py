@@ -26,7 +26,7 @@ from hhsim.trees.sphere_tree import SphereTree
 MOST_TRIANGLES = 500_000
 """Most triangles of a link: more take minutes, and no planner's collision mesh has them."""
 WIDEST = 64
-"""Most spheres of a foreign set below one inner sphere."""
+"""Most spheres below one inner sphere."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +84,11 @@ def build_link(link: Link, mesh: Mesh, options: TreeOptions) -> LinkSpheres:
     if link.balls is not None and len(link.balls) <= options.leaf_limit:
         mesh, tree = _inside_balls(link.balls, mesh), tree_of_spheres(link.balls)
     else:
-        cached = cache_path(mesh, options).exists()
-        tree = kept_sphere_tree(mesh, options)
-    return _measured(mesh, tree, start, cached, options.seed)
+        # No level between the root and the spheres, which nobody would see; the fit is measured below.
+        bare = replace(options, level=None, branching=WIDEST, leaves=options.leaf_limit, seed=None)
+        cached = cache_path(mesh, bare).exists()
+        tree = kept_sphere_tree(mesh, bare)
+    return _measured(mesh, tree, start, cached, options.seed or 0)
 
 
 def judge_link(link: Link, mesh: Mesh, spheres: FloatArray, seed: int = 0) -> LinkSpheres:

@@ -66,8 +66,9 @@ def build_sphere_tree(
         except (MeshError, InputError) as error:
             raise type(error)(f"{mesh.name}: {error}") from error
         progress("tree", 1, 1)
-        errors = measure_levels(mesh, bvh, tree, options.seed, progress, workers)
-    return replace(tree, errors=errors, mesh_sha256=mesh.sha256, options=options.recorded())
+        if options.seed is not None:
+            tree = replace(tree, errors=measure_levels(mesh, bvh, tree, options.seed, progress, workers))
+    return replace(tree, mesh_sha256=mesh.sha256, options=options.recorded())
 
 
 class _Builder:

@@ -49,7 +49,7 @@ _FIRST, _GO_ON = _DESCENT._replace(cycles=8), 3
 """Short descent from each start, which tells the best; one of so many goes on, and two at least."""
 _POLISHES = _Descent(1, 30, 0.15, 1e-2, 60.0, 300.0), _Descent(1, 30, 0.05, 3e-3, 60.0, 1000.0)
 """Descents with new points, in turn, from the best ends; lengths are shares of the largest cost."""
-_TURNS, _PATIENCE = 40, 6
+_TURNS, _PATIENCE = 40, 4
 """Most of these descents, and how many of them may bring nothing one after another."""
 _ACTIVE = 0.7
 """Cost of the points that count then, as a share of the largest; steps are too short for the others to matter."""
@@ -57,10 +57,12 @@ _DEAR = 0.98
 """Cost of the places whose surroundings become points, as a share of the largest."""
 _DOUBT = 0.001
 """Share of the largest cost by which what lies between points may cost more."""
-_ENDS = 2, 8
+_ENDS = 2, 6
 """Number of the ends that go on with the most spheres, and with one or two."""
 _NEAR = {"protrusion": 1.05, "volume": 1.5}
 """Cost of an end that goes on, as a share of the least."""
+_HOPELESS = 2.0
+"""Cost of a start or an end that is given up, as a multiple of the greedy cover's."""
 _SAME = 1e-3
 """Ends whose costs and mean heights differ by a smaller share are one."""
 _DIRECTIONS = 300
@@ -121,6 +123,8 @@ class _Search:
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
         """Choose ends of the descent: the best, and those nearly as good that protrude least in the mean."""
         near = [i for i in range(len(costs)) if costs[i] <= _NEAR[self.minimise] * min(costs)]
+        if not near:
+            return []
         cost = np.array([costs[i] for i in near])
         mean = np.array([self.mean_height(centers[i], self.needed_radius(centers[i])) for i in near])
         found = [int(np.argmin(cost))]
@@ -160,8 +164,11 @@ class _Search:
         area = np.broadcast_to(radius[:, None] ** 2, free.shape)[free] * (height > 0.0)
         return float((height * area).sum() / area.sum()) if area.any() else 0.0
 
-    def polish(self, center: FloatArray) -> tuple[float, FloatArray]:
-        """Move spheres until no place between the points costs more than they do; return the cost and the centres."""
+    def polish(self, center: FloatArray, most_cost: float = np.inf) -> tuple[float, FloatArray]:
+        """Move spheres until no place between the points costs more than they do; return the cost and the centres.
+
+        Those that cost more than `most_cost` are given up.
+        """
         points, center = self.points, center.copy()
         least, best, stalled = np.inf, center.copy(), 0
         piece, cost = np.empty((len(self.micro.corner), 9)), np.empty(len(self.micro.corner))
@@ -177,7 +184,7 @@ class _Search:
             stalled = 0 if worst < least * (1.0 - _DOUBT) else stalled + 1
             if worst < least:
                 least, best = worst, center.copy()
-            if stalled == _PATIENCE:
+            if stalled == _PATIENCE or least > most_cost:
                 break
             if worst > known * (1.0 + _DOUBT):
                 new = piece[cost > _DEAR * known].reshape(-1, 3)
@@ -248,17 +255,21 @@ def fewest_spheres(
     workers = workers or Workers()
     search = _Search(mesh, spheres, minimise)
     starts = search.starts()
+    # So that no cover is worse than the greedy one.
+    greedy = mesh.frame.into(cover_of(mesh, spheres)[0])
+    hopeless = _HOPELESS * float(search.owners(search.points, greedy, search.depth(greedy))[1].max())
 
     def descend(how: _Descent) -> list[float]:
         return workers.each(lambda center: search.descend(search.points, how, center), ((one,) for one in starts))
 
-    best = np.argsort(descend(_FIRST), kind="stable")
-    starts = [starts[i] for i in best[: max(2, len(starts) // _GO_ON)]]
+    first = descend(_FIRST)
+    best = np.argsort(first, kind="stable")[: max(2, len(starts) // _GO_ON)]
+    starts = [starts[i] for i in best if first[i] <= hopeless]
     costs = descend(_DESCENT)
     progress("cover", 1, 3)
-    # So that no cover is worse than the greedy one.
-    greedy = mesh.frame.into(cover_of(mesh, spheres)[0])
-    ends = workers.each(search.polish, ((center,) for center in [greedy, *search.chosen(starts, costs)]))
+    ends = [search.polish(greedy)]
+    most = _HOPELESS * ends[0][0]
+    ends += workers.each(search.polish, ((center, most) for center in search.chosen(starts, costs)))
     progress("cover", 2, 3)
     limit = _NEAR[minimise] * min(cost for cost, _ in ends)
     found = workers.each(search.reduce, (end for end in ends if end[0] <= limit))

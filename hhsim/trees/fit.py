@@ -10,7 +10,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
+from hhsim.kernels.mesh.bvh import MeshBvh, fast_winding_numbers, mesh_signed_distance
 from hhsim.mesh.mesh import LEAST_FILLED, Mesh, most_protrusion
 from hhsim.mesh.signed_bvh import signed_bvh
 from hhsim.trees.error import MESH_SAMPLES, distance_outside, protrusion_bound, sample_mesh
@@ -105,7 +105,9 @@ def _inside_points(mesh: Mesh, bvh: MeshBvh, rng: np.random.Generator) -> FloatA
     found: list[FloatArray] = []
     for _ in range(MOST_TRIED // (2 * INSIDE_SAMPLES)):
         points = mesh.bounds[0] + rng.random((2 * INSIDE_SAMPLES, 3)) * mesh.extent
-        found.append(points[mesh_signed_distance(bvh, points) < 0.0])
+        by_winding = len(bvh.moments.radius) > 0
+        inside = fast_winding_numbers(bvh, points) > 0.5 if by_winding else mesh_signed_distance(bvh, points) < 0.0
+        found.append(points[inside])
         if sum(map(len, found)) >= INSIDE_SAMPLES or not sum(map(len, found)):
             break
     return np.ascontiguousarray(np.concatenate(found)[:INSIDE_SAMPLES])

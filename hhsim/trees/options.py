@@ -29,7 +29,8 @@ class TreeOptions:
     level: int | None = None
     branching: int = 8  # most children of a node
     leaves: int | None = None  # most leaves; None for branching ** level
-    seed: int = 0  # seed of the samples that measure the errors; the spheres do not depend on it
+    # Seed of the samples that measure the errors, on which the spheres do not depend; None to measure none.
+    seed: int | None = 0
     # "outer" for covers that contain the whole surface, "balanced" for the least error to both sides.
     cover: str = "outer"
     # Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken, see

@@ -26,7 +26,7 @@ from hhsim.kernels.kd_tree import STACK, build_median_tree
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 
 SMALL = 1.0e-100
-FAR = 2.5
+FAR = 2.0
 """Distance [radii of the node] from which a node is expanded: right to 0.05, and to 0.01 on average."""
 
 
