@@ -40,10 +40,6 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
         "Spheres contain the whole surface (outer), or are off to both sides by half as much (balanced).",
         default="outer",
     )
-    minimise: Literal["protrusion", "volume"] = option(
-        "Of up to 64 --leaves: search for the least distance or the least volume outside of the mesh.",
-        default="protrusion",
-    )
     threads: Annotated[int, click.IntRange(1, 64)] | None = option(
         "Threads to build with; the same bytes with any number. Default: one for each processor, 4 at most.", "N"
     )
@@ -54,7 +50,7 @@ class BuiltTree(OptionGroup, heading="Sphere tree"):
 
         if (self.level, self.leaves, self.max_error) != (None, None, None):
             level, leaves = self.level, self.leaves
-        return TreeOptions(level, self.branching, leaves, seed, self.cover, self.max_error, self.minimise)
+        return TreeOptions(level, self.branching, leaves, seed, self.cover, self.max_error)
 
 
 class TreeSource(OptionGroup, heading="Sphere tree of a file"):

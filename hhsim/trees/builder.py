@@ -110,7 +110,7 @@ class _Builder:
 
         def spheres() -> tuple[FloatArray, FloatArray]:
             if searched:
-                return fewest_spheres(self.ready, size, self.options.minimise, report, self.workers)
+                return fewest_spheres(self.ready, size, report, self.workers)
             return cover_of(self.ready, size, report, self.workers)
 
         mesh = self.mesh

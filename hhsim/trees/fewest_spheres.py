@@ -59,7 +59,7 @@ _DOUBT = 0.001
 """Share of the largest cost by which what lies between points may cost more."""
 _ENDS = 2, 6
 """Number of the ends that go on with the most spheres, and with one or two."""
-_NEAR = {"protrusion": 1.05, "volume": 1.5}
+_NEAR = 1.05
 """Cost of an end that goes on, as a share of the least."""
 _HOPELESS = 2.0
 """Cost of a start or an end that is given up, as a multiple of the greedy cover's."""
@@ -71,8 +71,6 @@ _GRID = 24
 """Number of points along each axis of the grid that counts the volume outside."""
 _TRIALS = 2400, 50
 """Trials to move a sphere: so many in all, and so many more for each sphere."""
-_AIMED = {"protrusion": 1, "volume": 2}
-"""Factor of the number of trials."""
 _ALLOWED, _HANDFUL, _ALLOWED_OF_MORE = 1.02, 8, 1.002
 """Largest protrusion after the volume outside was reduced, as a share of that before: of so many spheres; of more."""
 _REDUCTIONS, _FINER, _DECISIVE = 3, 3, 0.002
@@ -85,15 +83,14 @@ _HALVINGS, _MOST_PIECES = 24, 30_000
 class _Found(NamedTuple):
     cost: float  # [-], in the mesh's own frame
     mean: float  # mean height of the spheres over the mesh [-]
-    outside: float  # volume of the spheres outside of the mesh [-]
     cover: CoverInProgress
 
 
 class _Search:
     """Search for the cover of a mesh by so many spheres."""
 
-    def __init__(self, mesh: MeshInFrame, spheres: int, minimise: str) -> None:
-        self.mesh, self.spheres, self.minimise = mesh, spheres, minimise
+    def __init__(self, mesh: MeshInFrame, spheres: int) -> None:
+        self.mesh, self.spheres = mesh, spheres
         pieces = _PIECES[0] + _PIECES[1] * spheres
         self.micro = cut_mesh(mesh.corner, mesh.normal, edges_for(mesh.corner, np.ones(len(mesh.corner)), pieces))
         points, first = np.unique(self.micro.corner.reshape(-1, 3), axis=0, return_index=True)
@@ -122,7 +119,7 @@ class _Search:
 
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
         """Choose ends of the descent: the best, and those nearly as good that protrude least in the mean."""
-        near = [i for i in range(len(costs)) if costs[i] <= _NEAR[self.minimise] * min(costs)]
+        near = [i for i in range(len(costs)) if costs[i] <= _NEAR * min(costs)]
         if not near:
             return []
         cost = np.array([costs[i] for i in near])
@@ -200,26 +197,21 @@ class _Search:
         for _ in range(_HALVINGS):
             self.halve(cover, cover.cost > cost * (1.0 + 2.0 * _DOUBT))
         allowed = (_ALLOWED if self.spheres <= _HANDFUL else _ALLOWED_OF_MORE) * cost
-        limit = max(allowed if self.minimise == "protrusion" else np.inf, cover.worst)
         # Where micro-triangles could not be cut so fine, they cost more.
-        radius = np.maximum(depth + max(cover.worst, min(limit, allowed)), 0.0)
+        limit = max(allowed, cover.worst)
+        radius = np.maximum(depth + limit, 0.0)
         outside, step = self.outside(center, radius, limit)
-        rng, left = np.random.default_rng(1), 0
+        rng = np.random.default_rng(1)
         for turn in range(_REDUCTIONS):
-            trials = _AIMED[self.minimise] * (_TRIALS[0] + _TRIALS[1] * self.spheres)
+            trials = _TRIALS[0] + _TRIALS[1] * self.spheres
             shift = rng.normal(size=(trials if turn == 0 else trials // 4, 3))
             triangles = np.ascontiguousarray(cover.micro.corner.T)
-            left = reduce_outside(self.mesh.bvh, triangles, outside, limit, shift, float(step.max()), center, radius)
+            reduce_outside(self.mesh.bvh, triangles, outside, limit, shift, float(step.max()), center, radius)
             cover.center, cover.depth = center.copy(), radius.copy()
             cover.assign()
             for _ in range(_FINER if turn + 1 < _REDUCTIONS else 0):
                 self.halve(cover, cover.cost > -_DECISIVE * cost)
-        return _Found(
-            float((radius - self.depth(center)).max()),
-            self.mean_height(center, radius),
-            left * float(step.prod()),
-            cover,
-        )
+        return _Found(float((radius - self.depth(center)).max()), self.mean_height(center, radius), cover)
 
     def halve(self, cover: CoverInProgress, chosen: BoolArray) -> None:
         """Halve the chosen micro-triangles of a cover, unless there would be too many."""
@@ -241,19 +233,15 @@ class _Search:
 
 
 def fewest_spheres(
-    mesh: MeshInFrame,
-    spheres: int,
-    minimise: str = "protrusion",
-    progress: Progress = silent,
-    workers: Workers | None = None,
+    mesh: MeshInFrame, spheres: int, progress: Progress = silent, workers: Workers | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Cover a mesh with at most `spheres` spheres, as `hhsim.trees.surface_cover.cover_of`, which is for many.
 
     With the least protrusion: among covers within 5 % of the least that was found, the one that loses least against the
-    best there is in both its largest and its mean one. Or with the least volume outside of the mesh.
+    best there is in both its largest and its mean one.
     """
     workers = workers or Workers()
-    search = _Search(mesh, spheres, minimise)
+    search = _Search(mesh, spheres)
     starts = search.starts()
     # So that no cover is worse than the greedy one.
     greedy = mesh.frame.into(cover_of(mesh, spheres)[0])
@@ -271,11 +259,9 @@ def fewest_spheres(
     most = _HOPELESS * ends[0][0]
     ends += workers.each(search.polish, ((center, most) for center in search.chosen(starts, costs)))
     progress("cover", 2, 3)
-    limit = _NEAR[minimise] * min(cost for cost, _ in ends)
+    limit = _NEAR * min(cost for cost, _ in ends)
     found = workers.each(search.reduce, (end for end in ends if end[0] <= limit))
     progress("cover", 3, 3)
-    if minimise == "volume":
-        return min(found, key=lambda one: one.outside).cover.spheres_of(mesh)
     figures = np.array([(one.cost, one.mean) for one in found])
     with np.errstate(invalid="ignore"):
         loss = (figures / figures.min(axis=0)).max(axis=1)

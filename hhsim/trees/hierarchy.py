@@ -44,7 +44,7 @@ def at_level(tree: SphereTree, level: int) -> SphereTree:
         own,
         errors=tree.errors[: level + 1],
         mesh_sha256=tree.mesh_sha256,
-        options={name: value for name, value in tree.options.items() if name != "minimise"}
+        options=dict(tree.options)
         | {"level": level, "leaves": leaves if leaves and leaves < branching**level else None, "max_error": None},
         covers=(*tree.covers[:level], cover),
         cpu_seconds=tree.cpu_seconds[: level + 1],

@@ -15,8 +15,6 @@ MOST_LEAVES = 262_144
 
 COVERS = ("outer", "balanced")
 """Kinds of cover, see `TreeOptions`."""
-MINIMISED = ("protrusion", "volume")
-"""What a search for few leaves minimises, see `TreeOptions`."""
 FEW = 64
 """Most leaves that are searched for, if so many are asked for."""
 
@@ -36,17 +34,10 @@ class TreeOptions:
     # Largest proved distance of the leaves from the mesh [m]; the fewest leaves that reach it are taken, see
     # `hhsim.trees.builder.find_fewest`; up to `FEW` are searched for. None to take all.
     max_error: float | None = None
-    # Aim of the search for up to `FEW` leaves, whose number `leaves` gives: "protrusion" for the least distance outside
-    # of the mesh, "volume" for the least volume there. More leaves, or those of a level, are not searched for.
-    minimise: str = "protrusion"
 
     def __post_init__(self) -> None:
         if self.cover not in COVERS:
             raise UnknownNameError("cover", self.cover, COVERS)
-        if self.minimise not in MINIMISED:
-            raise UnknownNameError("aim", self.minimise, MINIMISED)
-        if self.minimise != "protrusion" and not self.searched:
-            raise InputError(f"the least {self.minimise} is for 1 to {FEW} leaves, whose number is given")
         if self.max_error is not None and not (math.isfinite(self.max_error) and self.max_error > 0.0):
             raise InputError(f"the largest error is {self.max_error:g} m, expected a positive length")
         if not 2 <= self.branching <= 64:
@@ -65,10 +56,7 @@ class TreeOptions:
 
     def recorded(self) -> dict[str, Any]:
         """Return the options and the builder's version, as a tree records them."""
-        recorded = asdict(self) | {"builder_version": BUILDER_VERSION}
-        if not self.searched:
-            del recorded["minimise"]
-        return recorded
+        return asdict(self) | {"builder_version": BUILDER_VERSION}
 
     @property
     def searched(self) -> bool:

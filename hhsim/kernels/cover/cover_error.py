@@ -99,8 +99,8 @@ def lie_outside(bvh: MeshBvh, points: Array, most: float, outside_out: Flags) ->
 @jit_allocating
 def reduce_outside(
     bvh: MeshBvh, triangles: Array, outside: Array, most: float, shift: Array, step: float, center: Array, radius: Array
-) -> int:
-    """Move and shrink spheres, centres (k, 3) and radii (k,) [m], in place; return the outside points that are left.
+) -> None:
+    """Move and shrink spheres, centres (k, 3) and radii (k,) [m], in place, so that fewer outside points are in them.
 
     Each triangle [m], columns of shape (9, N), is in one of them before and after. One after another tries some of the
     shifts, (T, 3), times a step that begins with `step` [m] and follows success. The points outside of the mesh have
@@ -144,10 +144,6 @@ def reduce_outside(
         center[i, 0], center[i, 1], center[i, 2], radius[i] = x, y, z, r
         _count_inside(triangles, (x, y, z, r), square, covers[i], covered)
         _count_inside(outside, (x, y, z, r), square, fills[i], filled)
-    left = 0
-    for p in range(filled.shape[0]):
-        left += 1 if filled[p] > 0 else 0
-    return left
 
 
 _CHUNK = 64
