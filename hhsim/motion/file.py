@@ -25,6 +25,8 @@ from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
+MOST_TOLD = 6
+"""Most datasets of a foreign file that its refusal names."""
 HDF5_SUFFIXES = (".h5", ".hdf5")
 
 SAMPLES = {
@@ -137,8 +139,8 @@ def read_fields(path: Path) -> dict[str, Any]:
 def _fields(file: h5py.File) -> dict[str, Any]:
     form, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if form != FORMAT:
-        found = f"format '{form}'" if isinstance(form, str) else "no format attribute"
-        raise TrajectoryError(f"{found}; expected {FORMAT}")
+        found = f"format '{form}'" if isinstance(form, str) else f"no format attribute, and {_held(file)} in it"
+        raise TrajectoryError(f"{found}; expected {FORMAT}; of others save the arrays by numpy.savez")
     if version != SCHEMA_VERSION:
         raise TrajectoryError(f"schema_version {version}; expected {SCHEMA_VERSION}, which this hhsim reads")
     columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS}
@@ -154,6 +156,19 @@ def _fields(file: h5py.File) -> dict[str, Any]:
     rows = zip(*columns.values(), strict=True)
     fields["phases"] = tuple(Phase(str(name), float(start), float(end)) for name, start, end in rows)
     return fields
+
+
+def _held(file: h5py.File) -> str:
+    """Return the names and shapes of the first datasets of a file."""
+    found: list[str] = []
+
+    def take(name: str, item: object) -> bool | None:
+        if isinstance(item, h5py.Dataset):
+            found.append(f"{name} {item.shape}")
+        return len(found) == MOST_TOLD or None
+
+    file.visititems(take)
+    return ", ".join(found) or "no dataset"
 
 
 def _get(file: h5py.File, key: str) -> Any:

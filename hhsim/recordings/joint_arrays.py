@@ -311,7 +311,7 @@ def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tup
     misfit = ""
     if word is None:
         word = order_by_bones(points, ORDERS[count])
-    elif np.isinf(_bone_misfit(points, ORDERS[count][word])):
+    elif np.isinf(_bone_misfit(points, ORDERS[count][word])[0]):
         misfit = "in this order the bones are not those of a hand"
     how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
     what = {
@@ -326,25 +326,26 @@ def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tup
 def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:
     """Return the one of these orders in which rows of joints, shape (T, n, 3), are most like a hand.
 
-    Raises TrajectoryError where none makes a hand.
+    Raises TrajectoryError, which says how far each is off, where none makes a hand.
     """
     misfits = {word: _bone_misfit(points, names) for word, names in orders.items()}
     word = min(misfits, key=misfits.__getitem__)
-    if np.isinf(misfits[word]):
-        what = f"{points.shape[1]} joints in no order that is known, by their bones"
+    if np.isinf(misfits[word][0]):
+        off = "; ".join(f"in the order {word} {text}" for word, (_, text) in misfits.items())
+        what = f"{points.shape[1]} joints in no order that is known, by their bones: {off}"
         raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
     return word
 
 
-def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> float:
+def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> tuple[float, str]:
     """Return how far the proportions of bones are from a hand's, if rows of joints, (T, n, 3), are in this order.
 
     It is the mean logarithm of their ratios to the usual hand's; infinite where they are none of a hand, or change
-    their lengths, and 0 where no row is whole.
+    their lengths, and 0 where no row is whole. The text says how far the worst bone is off.
     """
     whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
     if not len(whole):
-        return 0.0
+        return 0.0, ""
     hand = whole[:: len(whole) // MOST_JUDGED + 1][:, [names.index(joint) for joint in KEYPOINTS]]
     ends = hand[:, 1:].reshape(-1, 5, 4, 3)
     starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
@@ -358,4 +359,6 @@ def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> float:
     ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
     change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
     fits = PROPORTIONS[0] <= ratio.min() and ratio.max() <= PROPORTIONS[1] and change <= MOST_CHANGE
-    return float(np.abs(np.log(ratio)).mean()) if fits else np.inf
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    text = f"the bone to {KEYPOINTS[1 + worst]} is {ratio[worst]:.2g} times a hand's, and bones change by {change:.0%}"
+    return float(np.abs(np.log(ratio)).mean()) if fits else np.inf, text

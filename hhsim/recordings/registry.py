@@ -4,6 +4,7 @@ A corrected hand is the rigid motion of each recorded bone: what our hand model 
 """
 
 import importlib
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,6 +29,19 @@ from hhsim.recordings.recording import Finding, Recording, note
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
+_OTHERS: dict[str, bytes] = {
+    "an animation (FBX, glTF, USD, MVNX, …) is not read; export its skeleton as BVH": (
+        rb'glTF|\{.*(?:"asset"\s*:\s*\{[^}]*"version"|"bufferViews?"\s*:)|'
+        rb"Kaydara FBX Binary|;\s*FBX |FBXHeaderExtension|#usda |PXR-USDC|BLENDER[-_0-9]|//Maya |"
+        rb"(?:<\?xml.*?)?<(?:COLLADA|mvnx)"
+    ),
+    "an export of markers (Motive, Vicon, Qualisys, TRC, C3D) is not read; export the solved skeleton as BVH, or joint "
+    "positions as a CSV": rb"Format Version,|(?:Trajectories|Segments|Joints)\s*\n\s*[0-9]+|PathFileType\t|\x02\x50",
+    "a database, such as a bag of ROS, is not read; write the joints of its topic as a CSV with a header": (
+        rb"#ROSBAG |SQLite format 3\0"
+    ),
+}
+"""Files in which people keep hands and which are not read, with what to do instead, by their beginnings."""
 FORMATS_PACKAGE = "hhsim.recordings.formats"
 """Package that is imported by name, because the formats depend on this package."""
 
@@ -238,6 +252,10 @@ def format_of(content: Content, options: ReadOptions) -> RecordingFormat:
         return formats[options.form]
     if not content.head.strip() and not content.data.strip():
         raise TrajectoryError("empty; expected a recording")
+    head = content.head.removeprefix(b"\xef\xbb\xbf").lstrip()
+    for reason, begins in _OTHERS.items():
+        if re.match(begins, head, re.DOTALL):
+            raise TrajectoryError(f"{reason} (docs/recordings.md)")
     if media := media_kind(content.head) or ("XML" if content.beginning.lstrip().startswith("<") else ""):
         raise TrajectoryError(f"{media}; expected a recording of one of {', '.join(formats)} (docs/recordings.md)")
     for form in formats.values():

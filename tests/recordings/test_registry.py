@@ -137,8 +137,15 @@ def test_the_content_decides(data: bytes, name: str) -> None:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"Kaydara FBX Binary  \0\x1a\0" + bytes(40), "neither text nor a known format"),
-        (b'{"asset": {"version": "2.0"}}', "JSON without frames"),
+        (b"Kaydara FBX Binary  \0\x1a\0" + bytes(40), "an animation .* export its skeleton as BVH"),
+        (b"; FBX 7.4.0 project file\n", "an animation"),
+        (b"glTF\2\0\0\0", "an animation"),
+        (b' {"nodes": [], "asset": {"generator": "me", "version": "2.0"}}', "an animation"),
+        (b"\xef\xbb\xbf<?xml version='1.0'?>\n<COLLADA>", "an animation"),
+        (b'{"asset": "mug", "frame": []}', "JSON without frames"),
+        (b"Format Version,1.23,Take Name,take1\n\n,Type,Bone", "an export of markers"),
+        (b"Trajectories\r\n100\r\n", "an export of markers"),
+        (b"#ROSBAG V2.0\n", "such as a bag of ROS, is not read"),
         (b"<?xml version='1.0'?>\n<robot name='arm'>", "XML; expected a recording of one of"),
         (b"\x1f\x8b\x08\0" * 30, "neither text nor a known format"),
         (zip_of("[Content_Types].xml", "xl/workbook.xml"), "an Excel workbook is not read; save it as CSV"),
