@@ -7,7 +7,7 @@ given in the world, and returned as the first free body sees them. `OneTick` is 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from msgspec import structs
@@ -33,11 +33,6 @@ from hhsim.solver.world_engine import seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-if TYPE_CHECKING:
-    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord
-
-FAR = 100.0
-"""Place of hands that are to touch nothing [m]."""
 STRAY = 1e-9
 """Distance [m], or change of a quaternion, by which a body that goes along with a frame strays from it by rounding."""
 
@@ -211,29 +206,7 @@ class SceneSolver:
 
     def run(self, ticks: slice) -> tuple[TickRecord, ...]:
         """Run the next ticks, which are these of the scene; return the record of each hand."""
-        haptic = [hand.at(ticks) for hand in self.seen.haptic]
-        return self.run_given(haptic)
-
-    def run_given(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
-        """Run ticks with these hands, in the engine's frame."""
-        return self.world.run(*haptic)
-
-    def object_ticks(self, hand: int = 0) -> "ObjectRecord":
-        """Record of the first free body in the last ticks as that of a hand, see `WorldEngine.seen_by`."""
-        return self.world.object_ticks(hand)
-
-    @property
-    def all_ticks(self) -> "BodiesRecord | None":
-        """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return self.world.all_ticks
-
-
-def warm_up_hands(scene: Scene, options: SolverOptions) -> None:
-    """Run a tick of a scene of two hands, both far from everything, with every kernel of a tick of both."""
-    far = HandConfiguration(
-        np.full((1, 3), FAR), np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
-    )
-    SceneSolver(scene, options).run_given([far, far._replace(position=-far.position)])
+        return self.world.run(*(hand.at(ticks) for hand in self.seen.haptic))
 
 
 MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]

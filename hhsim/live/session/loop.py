@@ -30,6 +30,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import SIDES
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.deadlines import DEADLINES, MISSES, PHASE, account_steal, account_waking, begin_periods
@@ -52,7 +53,7 @@ from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import OneTick, SceneSolver, warm_up_hands
+from hhsim.solver.scene_solver import OneTick, SceneSolver
 from hhsim.solver.workspace import zeroed
 
 NEVER = 1 << 60
@@ -426,7 +427,10 @@ def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
     """Compile, or load, the kernels of a session's ticks and of its loop."""
     options = loop_options(setup.options, setup.rate)
     if len(setup.worn) > 1:
-        warm_up_hands(setup.scene, options)
+        # Both hands are far from everything, and their tick has every kernel of a tick of both.
+        turn, flexion, abduction = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
+        far = HandConfiguration(np.full((1, 3), 100.0), turn, flexion, abduction)
+        SceneSolver(setup.scene, options).world.run(far, far._replace(position=-far.position))
     if options.method not in ("coupled", "progressive") or setup.seen.free is not None:
         # `coupled` brings a hand out that begins inside the object.
         warm_up(setup.worn[0].model, replace(options, method="coupled"))
