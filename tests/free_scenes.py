@@ -112,7 +112,7 @@ REACH_PER_STIFFNESS = 0.09 / 50.0
 
 def squeeze_of(solver: HandSolver) -> float:
     """Sum of the normal forces [N] at the last tick."""
-    held = solver.free.ticks
+    held = solver.object_ticks
     return float(held.normal_force[held.contact[-2] : held.contact[-1]].sum())
 
 

@@ -160,15 +160,10 @@ def _fields(file: h5py.File) -> dict[str, Any]:
 
 def _held(file: h5py.File) -> str:
     """Return the names and shapes of the first datasets of a file."""
-    found: list[str] = []
-
-    def take(name: str, item: object) -> bool | None:
-        if isinstance(item, h5py.Dataset):
-            found.append(f"{name} {item.shape}")
-        return len(found) == MOST_TOLD or None
-
-    file.visititems(take)
-    return ", ".join(found) or "no dataset"
+    found: dict[str, Any] = {}
+    file.visititems(found.__setitem__)
+    held = [f"{name} {item.shape}" for name, item in found.items() if isinstance(item, h5py.Dataset)]
+    return ", ".join(held[:MOST_TOLD]) or "no dataset"
 
 
 def _get(file: h5py.File, key: str) -> Any:

@@ -58,7 +58,7 @@ class HandSolver:
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
         free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
-            world and returned as seen from the object, whose own motion is in `free.ticks`.
+            world and returned as seen from the object, whose own motion is in `object_ticks`.
         others: Further bodies beside a free object. A hand that begins in one of them is freed of it, too.
 
     Raises:
@@ -87,6 +87,12 @@ class HandSolver:
 
     def __repr__(self) -> str:
         return f"HandSolver({self.options!r})"
+
+    @property
+    def object_ticks(self) -> "ObjectRecord":
+        """Record of the free object in the last ticks."""
+        assert self.free is not None
+        return self.free.ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray

@@ -19,14 +19,14 @@ MESH = box((0.05, 0.05, 0.05))
 def test_an_object_on_the_table_begins_free_of_it() -> None:
     solver = solver_of(MESH, FreeObject.of_mesh(MESH, table=-0.025))
     solver.run(*far_hand(3))
-    assert (solver.free.ticks.table_distance > 0.0).all()
+    assert (solver.object_ticks.table_distance > 0.0).all()
 
 
 def test_without_mass_in_the_way_it_falls() -> None:
     solver = solver_of(MESH, FreeObject.of_mesh(MESH))
     solver.run(*far_hand(100))
-    assert solver.free.ticks.velocity[-1, 2] == pytest.approx(-9.81 * 0.1, rel=1e-9)
-    assert solver.free.ticks.contact[-1] == 0
+    assert solver.object_ticks.velocity[-1, 2] == pytest.approx(-9.81 * 0.1, rel=1e-9)
+    assert solver.object_ticks.contact[-1] == 0
 
 
 HAND = HandModel.default()
@@ -39,7 +39,7 @@ def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) 
     free = FreeObject.of_mesh(mesh, mass=mass, friction=0.6, torsion=2e-3, table=lowest)
     solver = solver_of(mesh, free, HAND, stiffness=stiffness)
     record = solver.run(*RandomTargets(HAND, seed).take(ticks))
-    moved = solver.free.ticks
+    moved = solver.object_ticks
     rows = moved.contact[-1]
     values = (*record, *(field[:rows] if len(field) > ticks + 1 else field for field in moved))
     assert all(np.isfinite(value).all() for value in values)

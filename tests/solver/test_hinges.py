@@ -52,7 +52,7 @@ def fallen(spin: float, angle: float) -> float:
 def swing(ticks: int, **hinge: Any) -> tuple[FloatArray, Any]:
     solver = solver_of(*plate(**hinge))
     solver.run(*far_hand(ticks))
-    return angles(solver.free.ticks.turn), solver.free.ticks
+    return angles(solver.object_ticks.turn), solver.object_ticks
 
 
 def test_a_plate_that_is_let_go_swings_as_a_pendulum() -> None:

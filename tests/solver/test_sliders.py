@@ -33,7 +33,7 @@ def slid(ticks: int, velocity: FloatArray | None = None, **given: Any) -> tuple[
         free = FreeObject(**{**vars(free), "velocity": tuple(velocity.tolist())})
     solver = solver_of(mesh, free)
     solver.run(*far_hand(ticks))
-    record = solver.free.ticks
+    record = solver.object_ticks
     way = record.shift @ STEEP
     np.testing.assert_allclose(record.shift, np.outer(way, STEEP), atol=1e-12)
     assert (record.turn == [1.0, 0.0, 0.0, 0.0]).all() and not record.angular_velocity.any()

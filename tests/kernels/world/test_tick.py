@@ -27,7 +27,7 @@ def tilted(degrees: float) -> tuple[float, float, float]:
 def alone(mesh: Mesh, ticks: int, **free: Any) -> tuple[TickRecord, Any]:
     """What the ticks of an object without a hand near it record."""
     solver = solver_of(mesh, FreeObject.of_mesh(mesh, **free))
-    return solver.run(*far_hand(ticks)), solver.free.ticks
+    return solver.run(*far_hand(ticks)), solver.object_ticks
 
 
 BLOCK = box((0.05, 0.05, 0.05))
@@ -48,7 +48,7 @@ def test_a_ball_on_a_slope_rolls_or_slides_and_spins_up_by_friction(friction: fl
     ball = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
     solver = HandSolver(HandModel.default(), contact_surface("spheres", None, ball), SolverOptions(), free)
     solver.run(*far_hand(ticks))
-    moved = solver.free.ticks
+    moved = solver.object_ticks
     # It rolls with 5/7 of the slope's share of gravity if friction bears the other 2/7.
     rolls = friction * -down > 2.0 / 7.0 * along
     pull, spun = (5.0 / 7.0 * along,) * 2 if rolls else (along + friction * down, -2.5 * friction * down)
@@ -67,7 +67,7 @@ def test_a_pushed_cube_slides_or_tips_by_the_height_of_the_fingertip(share: floa
     height = share * 0.5 * side / friction - 0.5 * side
     way = 0.015 * np.arange(1, ticks + 1) / ticks
     solver.run(*tongs_at(np.zeros(ticks), np.stack([way, 0.0 * way, np.full(ticks, height)], axis=1)))
-    turned = 2.0 * np.arccos(np.abs(solver.free.ticks.turn[:, 0]).clip(max=1.0)).max()
+    turned = 2.0 * np.arccos(np.abs(solver.object_ticks.turn[:, 0]).clip(max=1.0)).max()
     assert (turned > np.radians(1.0)) is np.bool_(tips)
 
 
@@ -77,7 +77,7 @@ def test_a_body_in_free_flight_keeps_its_momentum() -> None:
     free = FreeObject.of_mesh(mesh, mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=velocity, angular_velocity=spin)
     solver = solver_of(mesh, free)
     solver.run(*far_hand(500))
-    moved = solver.free.ticks
+    moved = solver.object_ticks
     assert np.abs(moved.velocity - velocity).max() < 1e-9
     inertia, energy, momenta = np.array(free.inertia), [], []
     for turn, rate in zip(moved.turn[::50], moved.angular_velocity[::50]):
@@ -104,7 +104,7 @@ def test_a_pinch_holds_up_to_its_threshold_and_no_further(mass: float, friction:
             record = solver.run(*tongs_at(np.full(10, closed)))
         pulled = share
         record = solver.run(*tongs_at(np.full(100, closed)))
-        moved = solver.free.ticks
+        moved = solver.object_ticks
         slips = moved.slip[moved.contact[-2] : moved.contact[-1]]
         assert (bool(slips.size) and float(slips.max()) < 1e-8) is holds, (share, slips)
         assert not record.status.any()
@@ -118,7 +118,7 @@ def test_a_contact_bears_torsion_up_to_its_radius_times_its_force() -> None:
     body.inverse_root[:] *= np.sqrt(1.0 + 20.0 * DT)
     body.spin[:] = body.axes @ np.array([0.0, 30.0, 0.0])
     solver.run(*tongs_at(np.full(5, closed)))
-    moved = solver.free.ticks
+    moved = solver.object_ticks
     braked = np.diff(moved.angular_velocity[:, 1]) / DT
     inertia = np.array(solver.engine.bodies[0].free.inertia)[1, 1]  # type: ignore[attr-defined]
     assert braked == pytest.approx(np.full(4, -0.003 * squeeze / inertia), rel=1e-2)

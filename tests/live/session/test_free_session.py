@@ -57,7 +57,7 @@ class Session(ScriptedSession):
         options = loop_options(setup.options, setup.rate)
         solver = HandSolver(setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free)
         haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
-        return solver.run(*haptic), solver.free.ticks
+        return solver.run(*haptic), solver.object_ticks
 
 
 @pytest.fixture(scope="module")
