@@ -139,8 +139,9 @@ def read_fields(path: Path) -> dict[str, Any]:
 def _fields(file: h5py.File) -> dict[str, Any]:
     form, version = file.attrs.get("format"), file.attrs.get("schema_version")
     if form != FORMAT:
-        found = f"format '{form}'" if isinstance(form, str) else f"no format attribute, and {_held(file)} in it"
-        raise TrajectoryError(f"{found}; expected {FORMAT}; of others save the arrays by numpy.savez")
+        if isinstance(form, str):
+            raise TrajectoryError(f"format '{form}'; expected {FORMAT}")
+        raise TrajectoryError(f"no format attribute; expected {FORMAT}, or an .npz of the arrays: {_held(file)}")
     if version != SCHEMA_VERSION:
         raise TrajectoryError(f"schema_version {version}; expected {SCHEMA_VERSION}, which this hhsim reads")
     columns = {key: _get(file, f"phase/{key}") for key in PHASE_COLUMNS}

@@ -84,8 +84,10 @@ def build_link(link: Link, mesh: Mesh, options: TreeOptions) -> LinkSpheres:
     if link.balls is not None and len(link.balls) <= options.leaf_limit:
         mesh, tree = _inside_balls(link.balls, mesh), tree_of_spheres(link.balls)
     else:
-        # No level between the root and the spheres, which nobody would see; the fit is measured below.
-        bare = replace(options, level=None, branching=WIDEST, leaves=options.leaf_limit, seed=None)
+        # The fit is measured below; of spheres by number or error nobody sees a level above.
+        bare = replace(options, seed=None)
+        if options.leaves is not None or options.max_error is not None:
+            bare = replace(bare, level=None, branching=WIDEST, leaves=options.leaf_limit)
         cached = cache_path(mesh, bare).exists()
         tree = kept_sphere_tree(mesh, bare)
     return _measured(mesh, tree, start, cached, options.seed or 0)

@@ -120,8 +120,6 @@ class _Search:
     def chosen(self, centers: list[FloatArray], costs: list[float]) -> list[FloatArray]:
         """Choose ends of the descent: the best, and those nearly as good that protrude least in the mean."""
         near = [i for i in range(len(costs)) if costs[i] <= _NEAR * min(costs)]
-        if not near:
-            return []
         cost = np.array([costs[i] for i in near])
         mean = np.array([self.mean_height(centers[i], self.needed_radius(centers[i])) for i in near])
         found = [int(np.argmin(cost))]
@@ -257,7 +255,8 @@ def fewest_spheres(
     progress("cover", 1, 3)
     ends = [search.polish(greedy)]
     most = _HOPELESS * ends[0][0]
-    ends += workers.each(search.polish, ((center, most) for center in search.chosen(starts, costs)))
+    hopeful = search.chosen(starts, costs) if starts else []
+    ends += workers.each(search.polish, ((center, most) for center in hopeful))
     progress("cover", 2, 3)
     limit = _NEAR * min(cost for cost, _ in ends)
     found = workers.each(search.reduce, (end for end in ends if end[0] <= limit))

@@ -182,7 +182,7 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "text.h5": (text("time,px"), "no hhsim-trajectory file, or a damaged one: no HDF5 file"),
     "cut.h5": (cut, "a damaged HDF5 file: cut short"),
     "format.h5": (attribute("format", "hhsim-tree"), "format 'hhsim-tree'; expected hhsim-trajectory"),
-    "no format.h5": (attribute("format", 1), r"no format attribute, and abduction \(50, 5\), flags .* in it"),
+    "no format.h5": (attribute("format", 1), r"or an .npz of the arrays: abduction \(50, 5\), "),
     "newer.h5": (attribute("schema_version", 2), "schema_version 2; expected 1"),
     "word.h5": (attribute("schema_version", "one"), "schema_version one; expected 1"),
     "no flexion.h5": (flexion(None), "no dataset flexion; expected one in every"),

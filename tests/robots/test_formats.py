@@ -12,8 +12,9 @@ from robot_arms import SHAPES, write_arm
 from hhsim.errors import InputError
 from hhsim.linkage.file import read_robot
 from hhsim.robots.formats import FORMATS, RobotSpheres, digits, format_of, read_spheres
-from hhsim.robots.link_spheres import build_links, link_meshes
+from hhsim.robots.link_spheres import build_link, build_links, link_meshes
 from hhsim.robots.touching_pairs import touching_pairs
+from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 
 LINKS = [*SHAPES, "left", "right"]
@@ -27,6 +28,14 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> RobotSpheres:
     built = build_links(robot, meshes, dict.fromkeys(meshes, TreeOptions(leaves=4)))
     ignored = touching_pairs(robot, {name: each.spheres for name, each in built.items()})[0]
     return RobotSpheres(robot, path, tuple(built.values()), ignored)
+
+
+def test_a_level_of_a_link_is_that_of_its_mesh_and_no_search(arm: RobotSpheres) -> None:
+    link, options = arm.robot.link("base"), TreeOptions(level=1)
+    mesh = next(each.mesh for each in arm.links if each.name == link.name)
+    tree = build_sphere_tree(mesh, options)
+    found = build_link(link, mesh, options)
+    assert np.array_equal(found.tree.leaf_center, tree.leaf_center) and found.proved
 
 
 def written(arm: RobotSpheres, name: str) -> Path:
