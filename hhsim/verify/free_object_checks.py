@@ -310,6 +310,7 @@ class _Solid:
     def __init__(self, mesh: Mesh) -> None:
         self.bounds, self.shell = mesh.bounds, TrueSurface(mesh, open_too=True)
         self.triangles = self.shell.corners
+        self.boxes = _boxes(self.triangles)
         middle, step = self.triangles.mean(axis=1), max(1, len(self.triangles) // MOST_FACES)
         inner = middle[::step] - float(mesh.extent.max()) * BEHIND * self.shell.normal[::step]
         on, inner = np.concatenate([mesh.vertices[np.unique(mesh.faces)], middle]), inner.reshape(-1, 3)
@@ -331,22 +332,26 @@ class _Solid:
             near = near[np.linalg.norm(seen[near] - last[near], axis=1) >= room[near]]
             last[near], room[near] = seen[near], self.shell.signed_distance(seen[near])
             near = near[room[near] < 0.0]
-            mine, theirs = self._overlapping(other.triangles @ rotation.T + place)
-            pierced = _pierced(mine, theirs)
+            pierced = _pierced(*self._overlapping(other, rotation, place))
             depth[t] = max((other.depth[near] - room[near]).max(initial=0.0), pierced.max(initial=0.0))
         return depth
 
-    def _overlapping(self, others: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pairs of a triangle and one of `others` (M, 3, 3) whose boxes overlap, (K, 3, 3) each."""
-        low, high = others.min(axis=1), others.max(axis=1)
-        others = others[((low <= self.bounds[1]) & (high >= self.bounds[0])).all(axis=1)]
-        middle = others.mean(axis=1)
-        radius = np.linalg.norm(others - middle[:, None], axis=2).max(axis=1)
-        row, piece = self.shell.places.within(middle, radius)
-        mine, theirs = self.triangles[piece], others[row]
-        apart = (mine.min(axis=1) > theirs.max(axis=1)) | (theirs.min(axis=1) > mine.max(axis=1))
-        kept = ~apart.any(axis=1)
-        return mine[kept], theirs[kept]
+    def _overlapping(self, other: "_Solid", turn: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pairs of a triangle and one of another body at a pose in this frame whose boxes overlap, (K, 3, 3) each."""
+        (low, high), balls = self.bounds, other.shell.places
+        middle, radius = balls.center @ turn.T + shift, balls.radius[:, None]
+        near = np.flatnonzero(((middle + radius >= low) & (middle - radius <= high)).all(axis=1))
+        row, piece = self.shell.places.within(middle[near], balls.radius[near])
+        theirs = other.triangles[near] @ turn.T + shift
+        (low, high), (own_low, own_high) = _boxes(theirs), self.boxes
+        kept = ((own_low[piece] <= high[row]) & (low[row] <= own_high[piece])).all(axis=1)
+        return self.triangles[piece[kept]], theirs[row[kept]]
+
+
+def _boxes(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least and largest coordinates of triangles (N, 3, 3), each (N, 3)."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
 
 
 def _pierced(corners: FloatArray, other: FloatArray) -> FloatArray:
