@@ -149,8 +149,9 @@ class CoverInProgress:
 
     def _groups(self) -> tuple[IntArray, IntArray]:
         """Return micro-triangles in the order of their spheres, and where each sphere's begin and the last's end."""
-        order = np.argsort(self.owner, kind="stable")
-        return np.searchsorted(self.owner, np.arange(len(self.depth) + 1), sorter=order), order
+        first, order = np.empty(len(self.depth) + 1, np.int64), np.empty(len(self.owner), np.int64)
+        kernel.group_by_owner(self.owner, first, order)
+        return first, order
 
     def _largest(self, cost: FloatArray) -> FloatArray:
         """Return the largest of these costs among the micro-triangles of each sphere [m]; −inf if it has none."""

@@ -252,6 +252,21 @@ def assign(
             second_cost_out[i], second_owner_out[i] = next_least, next_owner
 
 
+@jit_allocating
+def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> None:
+    """Write micro-triangles in the order of their owners, none (-1) first, and where each owner's begin, (n + 1,)."""
+    place = np.zeros(first_out.shape[0], np.int64)
+    for i in range(owner.shape[0]):
+        place[owner[i] + 1] += 1
+    filled = 0
+    for j in range(place.shape[0]):
+        filled, place[j] = filled + place[j], filled
+    first_out[:-1], first_out[-1] = place[1:], filled
+    for i in range(owner.shape[0]):
+        order_out[place[owner[i] + 1]] = i
+        place[owner[i] + 1] += 1
+
+
 @jit
 def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius_out: Array) -> None:
     """Compute the least radius [m] of each sphere that reaches all its micro-triangles; −1 if it has none."""
