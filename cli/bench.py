@@ -144,12 +144,15 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
     }
     is_shared = running["jobs"] > 1 or running["scheduler"] or running["folder"]
     is_preset = plan.preset is not None and given.pop(plan.preset.flag)
+    if not listed:
+        # Before a plan imports what it measures.
+        path = output.path(f"bench-{name}", ".json")
+        check_table_path(path)
     suite = kind.planned(is_preset, **{key: value for key, value in given.items() if value is not None})
     if listed and (found := suite.listed()) is not None:
         options.show({"rows": found.records}, found, as_json=output.as_json)
         return 0
-    path, described, columns = output.path(f"bench-{name}", ".json"), asdict(suite), suite.columns()
-    check_table_path(path)
+    described, columns = asdict(suite), suite.columns()
     picture = _picture(suite, path, plot)
     figures: list[Any] = []
     with progress(quiet=output.quiet) as report:

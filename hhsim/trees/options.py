@@ -6,8 +6,8 @@ from typing import Any
 
 from hhsim.errors import InputError, UnknownNameError
 
-BUILDER_VERSION = 3
-"""Version of the builder's output: each change of what is built raises it."""
+BUILDER_VERSION, SEARCH_VERSION = 3, 4
+"""Versions of what is built of a level, which ships, and by a number of leaves or an error: a change raises its own."""
 
 MOST_LEVEL = 5
 MOST_LEAVES = 262_144
@@ -56,7 +56,8 @@ class TreeOptions:
 
     def recorded(self) -> dict[str, Any]:
         """Return the options and the builder's version, as a tree records them."""
-        return asdict(self) | {"builder_version": BUILDER_VERSION}
+        of_level = self.leaves is None and self.max_error is None
+        return asdict(self) | {"builder_version": BUILDER_VERSION if of_level else SEARCH_VERSION}
 
     @property
     def searched(self) -> bool:
