@@ -19,7 +19,7 @@ from sealed_change import changed
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, RecordedScene, gate_result, load_baseline, write_baseline
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, cpu_p50, run_figures
-from hhsim.gate.report import COLUMNS, headline, markdown, number_text
+from hhsim.gate.report import COLUMNS, headline, markdown, number_text, reasons
 from hhsim.gate.run import RunFailed, Side
 from hhsim.gate.suite import (
     GateScene,
@@ -162,7 +162,11 @@ def test_a_finger_that_sinks_beside_a_deeper_palm_is_caught(stored: Path, record
     assert [row.head for row in report.missed] == pytest.approx([0.4e-3, 0.1e-3])
     # A finger that is as deep for longer is deeper in the mean.
     (row,) = gate_result(after, deep, brief).missed
-    assert row.name == "penetration_index_mean" and row.reason == "more than 1 µm above the base"
+    assert (
+        row.verdict == "worse"
+        and row.name == "penetration_index_mean"
+        and row.reason == "more than 1 µm above the base"
+    )
     wanted = "penetration_max = 1e-2\npenetration_index_max = 5e-4\npenetration_index_mean = false"
     report = gate_result(after, parse_suite(SUITE.replace("penetration_max = 1e-6", wanted), Path(), "own"), base)
     assert (report.verdict, report.exit_code) == ("worse within limits", 0)
@@ -384,6 +388,17 @@ def test_what_is_undefined_is_not_missed_unless_the_base_has_it(
     assert (found.passed, found.reason) == (passed, reason)
 
 
+def test_what_neither_side_tells_has_no_row_and_what_is_suspected_is_missed(figures: RunFigures) -> None:
+    silent = replace(figures, errors={}, suspicions=("the hand stands still",))
+    (row,) = judge_figures("tiny", silent, None, {}, SLACK)
+    assert (row.kind, row.passed, row.reason) == ("run", False, "the hand stands still")
+    assert row.to_json()["head"] == 1.0 and row.to_json()["base"] is None
+    assert reasons([row, replace(row, passed=True)]) == [
+        "tiny, suspected: the hand stands still (1, limit 0)",
+        "tiny, suspected: the hand stands still",
+    ]
+
+
 @pytest.mark.parametrize("limits", [{}, {"stuck_ticks": 1e9}])
 def test_no_suite_allows_a_run_of_which_most_ticks_are_stuck(figures: RunFigures, limits: dict[str, float]) -> None:
     head = replace(figures, errors={**figures.errors, "stuck_ticks": 900.0}, mostly_stuck=True)
@@ -419,6 +434,7 @@ def test_a_folder_without_a_suite_is_told_before_the_default_one_is_run(
         ([row("not comparable"), row("worse", passed=False)], ("worse", 1)),
         ([row("worse", passed=False), row("refused"), row("not comparable")], ("refused", 2)),
         ([row("", kind="error")], ("", 0)),
+        ([row("better", kind="error")], ("", 0)),
     ],
 )
 def test_the_verdict_of_all_rows(rows: list[GateRow], expected: tuple[str, int]) -> None:
@@ -562,6 +578,9 @@ def test_what_has_no_limit_or_is_undefined_is_not_within_its_limit() -> None:
         "worse: 1 of 2 figures missed their limit",
         "0 of 2 figures judged, none has a limit and a value",
     ]
+    worse = replace(held, verdict="worse", base=0.5)
+    compared = GateReport("suite", "", (worse, without_limit, replace(undefined, verdict="same")), ())
+    assert headline(compared) == "worse within limits: 1 of 1 figures compared (a)"
     assert [cells(each)[-1] for each in (held, without_limit, undefined, over)] == ["ok", "", "", "MISSED"]
     assert cells(replace(held, head=1e-14))[2] == "0.000", "nearly none is not none"
 

@@ -31,6 +31,11 @@ def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[f
         assert found.verdict == expected
 
 
+def test_the_wider_side_is_told() -> None:
+    found = judge_time("tiny", [1.0, 1.0, 1.1], [2.0, 2.0, 2.0], 0.25)
+    assert found.reason == "-50.0 %, processes of a side within 10 %"
+
+
 @pytest.mark.parametrize("wrong", [[1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
 def test_times_that_say_nothing_are_refused(wrong: list[float]) -> None:
     with pytest.raises(InputError, match="base"):

@@ -179,7 +179,9 @@ def test_phases_are_found_by_their_names(tmp_path: Path) -> None:
         writer.finish({})
     loaded = load_result(tmp_path / "run.h5")
     assert loaded.phases == PHASES
-    assert loaded.phase("hold") == slice(40, 100)
+    assert loaded.phase("hold") == slice(40, 100) and loaded.label == str(loaded.path)
+    with h5py.File(loaded.path) as file:
+        assert file["phase/last_tick"].attrs["long_name"] == "last tick of each phase, from 0"
     with pytest.raises(InputError, match="no phase 'slide': it has approach, hold"):
         loaded.phase("slide")
 
