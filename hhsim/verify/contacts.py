@@ -70,10 +70,14 @@ class Places(NamedTuple):
 
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
         """Return indices of points [m], world, (N, 3), and of pieces whose balls may be within `reach` [m] (N,)."""
-        rows, pieces = [], []
+        rows, pieces, points = [], [], _clipped(points)
         for tree, members, largest in self.trees:
-            found = tree.query_ball_point(_clipped(points), np.maximum(reach + largest, 0.0), return_sorted=False)
-            rows.append(np.repeat(np.arange(len(points)), [len(some) for some in found]))
+            most = np.maximum(reach + largest, 0.0)
+            # To look into the tree takes much longer than at the box around its centres.
+            beside = np.maximum(np.maximum(tree.mins - points, points - tree.maxes), 0.0)
+            close = np.flatnonzero((beside * beside).sum(axis=1) <= 1.0001 * most * most)
+            found = tree.query_ball_point(points[close], most[close], return_sorted=False)
+            rows.append(np.repeat(close, [len(some) for some in found]))
             pieces.append(members[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(rows[-1]))])
         return np.concatenate(rows), np.concatenate(pieces)
 
