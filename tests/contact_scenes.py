@@ -11,8 +11,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
+from hhsim.solver.method import surface_of
 from hhsim.solver.options import Stiffness
-from hhsim.solver.surface import surface_of
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")

@@ -172,15 +172,7 @@ def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:
 def test_the_command_line_imports_nothing_slow_until_a_command_runs() -> None:
     # The gloves and pose sources that there are: tests/live/test_gloves.py looks at what they import.
     live = {"hhsim.live.gloves"}
-    names = (
-        "errors",
-        "ranges",
-        "recordings.formats",
-        "result.safety",
-        "solver.method",
-        "solver.surface",
-        "table.table",
-    )
+    names = "errors", "ranges", "recordings.formats", "result.safety", "solver.method", "table.table"
     light = {*(f"hhsim.{name}" for name in names), *live, "click", *sys.stdlib_module_names}
     light |= {f"hhsim.system.{name}" for name in ("counted", "plain_json", "progress")}
 

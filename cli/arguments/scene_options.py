@@ -7,8 +7,7 @@ import click
 
 from hhsim.errors import UnknownNameError, check_known
 from hhsim.ranges import RANGES
-from hhsim.solver.method import METHODS, method_names
-from hhsim.solver.surface import SURFACES
+from hhsim.solver.method import METHODS, SURFACES, method_names
 
 from .command import Number, OptionGroup, argument, option
 from .object_options import completed_by

@@ -2,7 +2,8 @@
 
 hhsim's own are modules of `hhsim.solver.methods` with a `METHOD`. An installed package declares one as an entry point
 of the group "hhsim.methods"; `package.module:Class` names an undeclared one. Either is a `Method`, or a class as
-`hhsim.solver.outside_method.OutsideMethod`.
+`hhsim.solver.outside_method.OutsideMethod`. Surfaces are found alike: modules of `hhsim.kernels.surfaces` with a
+`SURFACE` and its kernels.
 """
 
 import hashlib
@@ -21,6 +22,7 @@ from hhsim.errors import InputError, UnknownNameError
 from hhsim.registry import Registry, declared
 
 if TYPE_CHECKING:
+    from hhsim.kernels.contact.surface import Surface
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
 
 FORCES, WORK, UNITS, TIMES, STATUS, RUNS = "forces", "work", "units", "times", "status", "runs"
@@ -217,3 +219,17 @@ def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any)
     from hhsim.solver.outside_method import MethodHere, OutsideEngine
 
     return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)
+
+
+SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))
+"""Surfaces by name."""
+
+
+def surface_of(arrays: Any) -> "Surface":
+    """Return the surface of arrays, of several parts that of a part; InputError for arrays of no surface."""
+    arrays = getattr(arrays, "pieces", arrays)
+    for surface in SURFACES.values():
+        if type(arrays) is surface.arrays:
+            return surface
+    expected = f"expected the arrays of {', '.join(SURFACES)}"
+    raise InputError(f"{type(arrays).__name__} is no surface of an object; {expected}")

@@ -10,8 +10,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import InputError, check_known
 from hhsim.hand.fingers import FINGERS, PHALANGES
 from hhsim.ranges import check_range
-from hhsim.solver.method import find_method, methods_that
-from hhsim.solver.surface import SURFACES
+from hhsim.solver.method import SURFACES, find_method, methods_that
 
 FORCES = ("kkt", "paper")
 FRUSTUM_ENDS = ("spheres", "flat")
@@ -76,7 +75,7 @@ class SolverOptions:
     """Options of the solver; lengths in metres; InputError for an unknown name, or a number out of its range."""
 
     method: str = "coupled"  # one of `hhsim.solver.method.method_names`, or `package.module:Class`
-    surface: str = "spheres"  # one of `hhsim.solver.surface.SURFACES`: what of the object the hand touches
+    surface: str = "spheres"  # one of `hhsim.solver.method.SURFACES`: what of the object the hand touches
     qp: str = "active-set"  # `active-set`, or, of `coupled`, a backend that qpsolvers offers
     # `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
     force: str = BY_METHOD

@@ -19,8 +19,15 @@ from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.by_reference import Reference, write_rows
 from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, SurfaceCode, count_pairs, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
-from hhsim.kernels.contact.own_parts import OwnParts
-from hhsim.kernels.contact.self_pairs import SelfPairs, add_bends, add_rows, clear_fraction, foresee_rows, measure_pairs
+from hhsim.kernels.contact.self_pairs import (
+    OwnParts,
+    SelfPairs,
+    add_bends,
+    add_rows,
+    clear_fraction,
+    foresee_rows,
+    measure_pairs,
+)
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
 from hhsim.kernels.machine_code import code_of
@@ -32,9 +39,8 @@ from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
-from hhsim.solver.method import find_method
+from hhsim.solver.method import SURFACES, find_method, surface_of
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
 

@@ -213,7 +213,7 @@ class WorldEngine:
 
             code["solving"] = code_of(solve_progressive, method, states[0], False, self.qp)
         elif workspace.options.qp != "active-set":
-            from hhsim.solver.backend_programs import backend_code
+            from hhsim.solver.qp import backend_code
 
             code["solving"], self._called = backend_code(method, workspace.options.qp)
         if self.parts_move and len(self.hands) == 1:

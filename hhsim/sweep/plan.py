@@ -24,9 +24,8 @@ from hhsim.replay.run_inputs import USUAL_SCENE
 from hhsim.scene.described_scene import SceneWords
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
-from hhsim.solver.method import find_method
+from hhsim.solver.method import SURFACES, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES
 from hhsim.sweep.input_files import file_digest, source_digest
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed

@@ -9,7 +9,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID
 from hhsim.motion.analytic_motion import still
-from hhsim.solver import backend_programs
+from hhsim.solver import qp
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 
@@ -58,6 +58,6 @@ def test_what_a_solver_raises_reaches_the_caller(monkeypatch: pytest.MonkeyPatch
     def fails(*_: object) -> None:
         raise MemoryError("no room for the program")
 
-    monkeypatch.setattr(backend_programs, "solve", fails)
+    monkeypatch.setattr(qp, "solve", fails)
     with pytest.raises(MemoryError, match="no room"):
         run(grasp(), "quadprog")

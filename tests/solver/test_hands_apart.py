@@ -20,8 +20,8 @@ from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver, WorldSolver
+from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_of
 from hhsim.trees.contact_surface import contact_surface
 
 HANDS = HandModel.default("right"), HandModel.default("left")

@@ -16,8 +16,8 @@ from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES, surface_of
 
 PLANE = '''
 """A table: everything below a height is inside."""

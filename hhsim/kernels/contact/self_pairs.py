@@ -7,6 +7,9 @@ the first finger changes the distance by n · (a × (p - J)), one of the second 
 
 A bound of each pair's distance goes down by what its parts have moved since: a joint's angle times its lever. While the
 least bound less the two largest of these ways is enough, no pair is looked at.
+
+A tick calls these kernels by their address, so that it is compiled once for hands whose parts meet and for others, and
+does not contain what the others never run.
 """
 
 import math
@@ -30,6 +33,7 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
+from hhsim.kernels.machine_code import ask_code, number_of_code, run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone import RoundCone, round_cone_pair, round_cone_parameter
@@ -494,3 +498,65 @@ def add_bends(
     for j in range(6, DOF):
         square += (step[j] / inverse_root[j]) ** 2
     own.steep = own.steep or abs(along) > STEEP * square
+
+
+@by_reference
+class OwnParts(NamedTuple):
+    """Pairs that may meet, none where parts go through each other, and what is done with them, by `code_of`."""
+
+    pairs: SelfPairs
+    measuring: int = 0  # of `measure_pairs`
+    adding: int = 0  # of `add_rows`
+    foreseeing: int = 0  # of `foresee_rows`
+    clearing: int = 0  # of `clear_fraction`
+    bending: int = 0  # of `add_bends`
+    correcting: int = 0  # of `kernels.world.second_order.correct`
+
+
+NO_PARTS = OwnParts(SelfPairs(np.zeros(0, np.int64), np.zeros(0, np.int64)))
+"""In place of the pairs of a hand whose parts go through each other."""
+
+
+@jit_noinline
+def measure_own(own: OwnParts, hand: HandArrays, pose: Record, exact: float, rows: Record) -> None:
+    """Do what `measure_pairs` does."""
+    if own.measuring != 0:
+        run_code(own.measuring, (own.pairs, hand, pose, exact, rows))
+
+
+@jit_noinline
+def add_own_rows(own: OwnParts, hand: HandArrays, within: float, options: Any, state: Record) -> bool:
+    """Do what `add_rows` does."""
+    return own.adding != 0 and ask_code(own.adding, (own.pairs, hand, within, options, state))
+
+
+@jit_noinline
+def foresee_own_rows(own: OwnParts, hand: HandArrays, active: Record, options: Any, state: Record) -> None:
+    """Do what `foresee_rows` does."""
+    if own.foreseeing != 0:
+        run_code(own.foreseeing, (own.pairs, hand, active, options, state))
+
+
+@jit_noinline
+def clear_own_fraction(own: OwnParts, fraction: float, hand: HandArrays, state: Record) -> float:
+    """Do what `clear_fraction` does."""
+    if own.clearing == 0:
+        return fraction
+    return number_of_code(own.clearing, (own.pairs, fraction, hand, state))
+
+
+@jit_noinline
+def add_own_bends(
+    own: OwnParts,
+    pose: Record,
+    rows: Record,
+    first: int,
+    row: Indices,
+    force: Array,
+    inverse_root: Array,
+    step: Array,
+    product_out: Array,
+) -> None:
+    """Do what `add_bends` does."""
+    if own.bending != 0:
+        run_code(own.bending, (own.pairs, pose, rows, first, row, force, inverse_root, step, product_out))

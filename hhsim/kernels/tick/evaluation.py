@@ -13,8 +13,7 @@ from hhsim.kernels.contact.detection import (
     evaluate_surface,
     pairs_near,
 )
-from hhsim.kernels.contact.own_parts import measure_own
-from hhsim.kernels.contact.self_pairs import EXACT
+from hhsim.kernels.contact.self_pairs import EXACT, measure_own
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline

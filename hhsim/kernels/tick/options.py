@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.own_parts import NO_PARTS, OwnParts
+from hhsim.kernels.contact.self_pairs import NO_PARTS, OwnParts
 
 
 @by_reference

@@ -4,7 +4,7 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.contact.own_parts import clear_own_fraction
+from hhsim.kernels.contact.self_pairs import clear_own_fraction
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,

@@ -8,8 +8,7 @@ import numpy as np
 
 from hhsim.kernels.contact.detection import find_surface_contacts
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
-from hhsim.kernels.contact.own_parts import add_own_rows, foresee_own_rows
-from hhsim.kernels.contact.self_pairs import BROKEN, begin_rows, choose_bends
+from hhsim.kernels.contact.self_pairs import BROKEN, add_own_rows, begin_rows, choose_bends, foresee_own_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code

@@ -31,7 +31,7 @@ meet with a small radius. Contacts of bodies that move count as flat.
 import math
 from typing import NamedTuple, TypeAlias
 
-from hhsim.kernels.contact.own_parts import OwnParts, add_own_bends
+from hhsim.kernels.contact.self_pairs import OwnParts, add_own_bends
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.memory import copy_values

@@ -30,8 +30,8 @@ from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.method import SURFACES
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.surface import SURFACES
 
 pytestmark = pytest.mark.slow
 

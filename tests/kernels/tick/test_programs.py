@@ -12,10 +12,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.qp.active_set import OPTIMAL
-from hhsim.solver.backend_programs import dense_problem
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, UNLIMITED, SolverOptions
-from hhsim.solver.qp import QpProblem, solve
+from hhsim.solver.qp import QpProblem, dense_problem, solve
 
 HAND = HandModel.default("right")
 TREE = bumpy_ball(600)
