@@ -5,10 +5,8 @@
 All backends get the same conditioned form: x = √G δ, which makes the Hessian the identity, and rows of length 1.
 Lengths along x [√J] then mean the same for palm and fingers, and a solver's tolerance is a distance.
 
-Programs of a tick as `QpProblem`s, from the kernels' rows, and ticks whose programs any installed QP solver solves.
-
-Programs are there to inspect, to solve again and to compare. The tick is the kernels' own: it calls the solver by an
-address, as it calls any other part, and a program that a backend fails on counts as infeasible.
+Programs of a tick are made of the kernels' rows, to inspect, to solve again and to compare. A tick calls an installed
+solver by an address, as any other part; a program that a backend fails on counts as infeasible.
 """
 
 import ctypes

@@ -309,9 +309,8 @@ class _Solid:
 
     def __init__(self, mesh: Mesh) -> None:
         self.bounds, self.shell = mesh.bounds, TrueSurface(mesh, open_too=True)
-        self.triangles = self.shell.corners
-        self.boxes = _boxes(self.triangles)
-        middle, step = self.triangles.mean(axis=1), max(1, len(self.triangles) // MOST_FACES)
+        corners = self.shell.corners
+        middle, step, self.boxes = corners.mean(axis=1), max(1, len(corners) // MOST_FACES), _boxes(corners)
         inner = middle[::step] - float(mesh.extent.max()) * BEHIND * self.shell.normal[::step]
         on, inner = np.concatenate([mesh.vertices[np.unique(mesh.faces)], middle]), inner.reshape(-1, 3)
         depth = -self.shell.signed_distance(inner)
@@ -332,8 +331,8 @@ class _Solid:
             near = near[np.linalg.norm(seen[near] - last[near], axis=1) >= room[near]]
             last[near], room[near] = seen[near], self.shell.signed_distance(seen[near])
             near = near[room[near] < 0.0]
-            pierced = _pierced(*self._overlapping(other, rotation, place))
-            depth[t] = max((other.depth[near] - room[near]).max(initial=0.0), pierced.max(initial=0.0))
+            pierced = _pierced(*self._overlapping(other, rotation, place)).max(initial=0.0)
+            depth[t] = max((other.depth[near] - room[near]).max(initial=0.0), pierced)
         return depth
 
     def _overlapping(self, other: "_Solid", turn: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -342,10 +341,10 @@ class _Solid:
         middle, radius = balls.center @ turn.T + shift, balls.radius[:, None]
         near = np.flatnonzero(((middle + radius >= low) & (middle - radius <= high)).all(axis=1))
         row, piece = self.shell.places.within(middle[near], balls.radius[near])
-        theirs = other.triangles[near] @ turn.T + shift
+        theirs = other.shell.corners[near] @ turn.T + shift
         (low, high), (own_low, own_high) = _boxes(theirs), self.boxes
         kept = ((own_low[piece] <= high[row]) & (low[row] <= own_high[piece])).all(axis=1)
-        return self.triangles[piece[kept]], theirs[row[kept]]
+        return self.shell.corners[piece[kept]], theirs[row[kept]]
 
 
 def _boxes(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
