@@ -306,6 +306,15 @@ def test_mappings_that_are_none(line: str, said: str) -> None:
     assert str(error.value).startswith("m.toml: ") and "\n" not in str(error.value)
 
 
+def test_a_child_reads_an_hdf5_file_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, read = tmp_path / "a.hdf5", list[Path]()
+    path.write_bytes(egodex())
+    opened = lambda given: (read.append(given), h5py.File(given))[1]  # noqa: E731
+    monkeypatch.setattr("hhsim.recordings.formats.egodex.open_hdf5", opened)
+    assert read_recording(path, ReadOptions(hand="right")).sample_count == COUNT
+    assert read == [path]
+
+
 def test_mappings_need_a_file_time_and_columns_that_are_there(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no .time. and no rate"):
         parse_settings("[joint]\nindex_flex1 = 'a'", ColumnMap, "m.toml")

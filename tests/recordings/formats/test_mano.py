@@ -12,8 +12,9 @@ from pose_samples import mano_fields
 from scipy.sparse import csc_matrix
 from scipy.spatial.transform import Rotation
 
-from hhsim.errors import TrajectoryError
-from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, read_mano_model
+from hhsim.errors import InputError, TrajectoryError
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, corrected_arrays, poses_of, read_mano_model
+from hhsim.recordings.registry import Changes, ReadOptions
 
 
 def any_fields() -> dict[str, Any]:
@@ -63,6 +64,24 @@ def test_joints_and_tips_are_those_of_a_plain_skinning(tmp_path: Path) -> None:
         assert np.allclose(found[t], np.array(expected) + shift[t], atol=1e-12)
         assert np.allclose(skinned[t], vertices + shift[t], atol=1e-12)
     assert np.allclose(skinned[:, list(TIPS)], found[:, 4::4], atol=1e-12)
+
+
+def test_a_wrist_that_moves_needs_a_translation(tmp_path: Path) -> None:
+    np.savez(tmp_path / "model.npz", **any_fields())
+    options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose="axis-angle")
+    row, still = np.zeros(1, np.int64), np.zeros((1, 3))
+    turn = np.tile(np.eye(3), (1, 16, 1, 1))
+    made = Changes(row, row, np.full((1, 21, 3), 1e-3), turn, still, still, np.zeros((1, 20)), 6)
+
+    def corrected(made: Changes, **more: Any) -> dict[str, Any]:
+        arrays = {"poses": np.zeros((2, 48)), **more}
+        names = {"pose": "poses"} | ({"translation": "trans"} if more else {})
+        return corrected_arrays(arrays, poses_of(arrays, names, "right", []), made, options)
+
+    with pytest.raises(InputError, match="the file holds no translation: expected an array trans"):
+        corrected(made)
+    assert np.allclose(corrected(made._replace(shift=0.0 * made.shift))["poses"], 0.0)
+    assert np.array_equal(corrected(made, trans=np.zeros((2, 3)))["trans"], [[1e-3] * 3, [0.0] * 3])
 
 
 def test_triangles_may_be_missing_but_not_wrong(tmp_path: Path) -> None:
