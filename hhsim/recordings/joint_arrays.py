@@ -333,7 +333,7 @@ def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) ->
     if np.isinf(misfits[word][0]):
         off = "; ".join(f"in the order {word} {text}" for word, (_, text) in misfits.items())
         what = f"{points.shape[1]} joints in no order that is known, by their bones: {off}"
-        raise TrajectoryError(f"{what}; name them in a field joint_names, or say --joint-order if it is one of these")
+        raise TrajectoryError(f"{what}; name them in joint_names, or say --joint-order if it is one of these")
     return word
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from conftest import Run
 
-OFF = r"by their bones: .* times a hand's, and bones change by \d+%.*; name them in a field joint_names"
+OFF = r"by their bones: .* times a hand's, and bones change by \d+%.*; name them in joint_names"
 INPUTS = {
     # A command on the files of a folder, by its exit code and what it says.
     "import animation-not-bvh/c14_hand.glb": (2, "an animation .* is not read; export its skeleton as BVH"),

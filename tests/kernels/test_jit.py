@@ -38,5 +38,5 @@ def test_ticks_with_checked_bounds_are_the_same_to_rounding(tmp_path: Path, opti
 
     result = tmp_path / "checked.h5"
     checks = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_OPT": "0", "HHSIM_CACHE_DIR": str(tmp_path / "cache")}
-    assert "touching" in replay(f"cube pinch {options} --out {result}", **checks)
+    assert "3,000 ticks" in replay(f"cube pinch {options} --out {result}", **checks)
     replay(str(result))

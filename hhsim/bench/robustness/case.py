@@ -13,6 +13,7 @@ from hhsim.bench.robustness.objects import RIM, ball, ball_mesh, crossings, righ
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_SNAP
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.solver.options import BY_SURFACE, UNBOUNDED, UNLIMITED, SolverOptions
@@ -122,8 +123,9 @@ class Outcome:
         return float(hand_clearance(self.run.hand, self.surface, placed_of(self.ticks).at([tick]), 1.0)[0])
 
     def rest(self, ticks: slice, name: str | None = None) -> Figure:
-        """Return the figure of the ticks until the force rests, once the input is frozen; named after the run."""
-        decay = frozen_decay(self.ticks.total[ticks])
+        """Return the figure of the ticks until the force rests, once the input is frozen and the hand snaps no more."""
+        snaps = np.flatnonzero(self.ticks.status[ticks] & STATUS_SNAP)
+        decay = frozen_decay(self.ticks.total[ticks][snaps.max(initial=-1) + 1 :])
         name = self.run.name if name is None else name
         return Figure(f"ticks to rest{name and ', '}{name}", np.inf if decay is None else decay, REST)
 

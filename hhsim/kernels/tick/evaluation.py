@@ -14,7 +14,7 @@ from hhsim.kernels.contact.detection import (
     pairs_near,
 )
 from hhsim.kernels.contact.self_pairs import EXACT, measure_own
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.tick.force import clear_forces, palm_wrench
@@ -53,12 +53,43 @@ def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     # As far as the next program may reach, in this tick or in the next.
     needed = max(options.listed, max(state.trust.reach, usual_reach(options, state)))
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
-    # a step that turns out longer is cut short, and the next program has whole lists.
+    # where a hand's own step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
     measure_own(options.own, hand, pose, EXACT, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
+
+
+@jit_noinline
+def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
+    """Gather the pairs that a step would go beyond; returns whether its program is to be built anew.
+
+    Rows that a list lacks are farther than its slack, and change nothing as long as no body moves by so much: the step
+    is the one of all rows. A longer one would depend on when a list happened to be gathered.
+    """
+    candidates, motion, beyond = state.candidates, state.progress.motion, False
+    reach = min(state.trust.reach, state.trust.radius)
+    motion_bounds(hand, state.pose, state.step.delta[:], state.problem.abduction_step[:], 0.0, motion)
+    for body in range(BODY_COUNT):
+        # A pair that is missing is then still an offset away, so that its row holds.
+        slack = candidates.slack[body]
+        beyond = beyond or (state.modelled[body] == 1 and slack < reach and motion[body] > slack - options.offset)
+    if not beyond:
+        return False
+    candidates.allowed_deficit = 0.0
+    reached = Reach(candidates.needed, options.margin, options.skin)
+    state.progress.pairs_overflow = evaluate_surface(hand, state.pose, surface, reached, candidates, state.work) != 0
+    return not state.progress.pairs_overflow
+
+
+@jit_inline
+def lacks_pairs(state: Record) -> bool:
+    """Return whether a list vouches for less than the reach of a program."""
+    reach, lacking = min(state.trust.reach, state.trust.radius), False
+    for body in range(BODY_COUNT):
+        lacking = lacking or state.candidates.slack[body] < reach
+    return lacking
 
 
 @jit_inline

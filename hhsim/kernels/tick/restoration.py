@@ -15,7 +15,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, Hand
 from hhsim.kernels.hand.pose import copy_configuration, move
 from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.evaluation import REACH_FLOOR, evaluate_pose, least_distance
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, complete_lists, evaluate_pose, lacks_pairs, least_distance
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import allowed_fraction
 
@@ -128,8 +128,12 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     copy_configuration(state.pose, prediction.start)
     if not foreseeable:
         return
-    fraction, longest = allowed_fraction(hand, options, state)
-    if fraction < 1.0 or not options.step_tolerance < longest <= min(reach, progress.bound):
+    _, longest = allowed_fraction(hand, options, state)
+    if not options.step_tolerance < longest <= min(reach, progress.bound):
+        return
+    if lacks_pairs(state):
+        complete_lists(hand, surface, options, state)
+    if progress.pairs_overflow:
         return
     prediction.is_predicted = True
     move(state.pose, state.step.delta, state.problem.abduction_step, 1.0)

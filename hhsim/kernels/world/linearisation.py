@@ -14,8 +14,9 @@ from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW
-from hhsim.kernels.tick.evaluation import least_distance
+from hhsim.kernels.tick.evaluation import complete_lists, lacks_pairs, least_distance
 from hhsim.kernels.tick.restoration import only_restores
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS, WORK_UNITS
 from hhsim.kernels.tick.step import (
     CLEAR,
     DURATION_DETECT,
@@ -345,15 +346,28 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `_clip_target`.
     """
-    world = method.world[0]
+    world, options = method.world[0], method.options
     hands, world.curved, world.knows_share = hand_count(world.problem), world.unsettled or done > 0, False
     for h in range(hands):
         each, curved = method.states[h], as_bool(world.unsettled or done >= FLAT_PROGRAMS)
         choose_bends(method.options.own.pairs, curved, mover_of(method, h), each.pose, each.self_contact)
-    count, full_motion = prepare(method, 0.0, state), WHOLE_TARGET
-    if count < 0:
+    count, status, full_motion, units = as_int64(0), as_int64(OPTIMAL), WHOLE_TARGET, state.work[WORK_UNITS]
+    for attempt in range(2):
+        count = prepare(method, 0.0, state)
+        if count < 0:
+            return as_int64(OVERFLOW), full_motion
+        status = solve_with_pairs(method, count, as_bool(False), state, qp)
+        # Of a hand alone no step depends on how old its lists are.
+        alone = method.bodies == 0 and method.hands == 0 and attempt == 0 and status == OPTIMAL
+        if not (alone and lacks_pairs(state)):
+            break
+        if not complete_lists(method.movers[0], method.surfaces[0], options, state):
+            break
+        # Of the discarded program only node tests, pair tests and QP iterations count as work.
+        state.work[WORK_UNITS] = units
+        state.work[WORK_LINEARISATIONS] -= 1
+    if state.progress.pairs_overflow:
         return as_int64(OVERFLOW), full_motion
-    status = solve_with_pairs(method, count, as_bool(False), state, qp)
     if status == OPTIMAL and (count > 0 or world.problem.dense_rows > 0):
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:

@@ -25,7 +25,12 @@ pytestmark = pytest.mark.slow
 METHODS = ("coupled", "progressive")
 CASES = {case.name: case for case in hard_cases(ticks=4 * LOOP)}
 ON_MESH = {case.name: case for case in hard_cases(ticks=4 * LOOP, surfaces=("mesh",))}
-QUICK = (("sharp-edge", "coupled"), ("flat-finger", "progressive"), ("many-at-a-vertex", "coupled"))
+QUICK = (
+    ("sharp-edge", "coupled"),
+    ("flat-finger", "progressive"),
+    ("many-at-a-vertex", "coupled"),
+    ("gimbal-lock", "progressive"),
+)
 """On the mesh, every time; all of them by either method in the soak."""
 SOME_PAIRS, ALL_PAIRS = 5e5, 4e9
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
