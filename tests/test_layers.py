@@ -23,7 +23,7 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 47_570, "build_tree": 15_090}
+MOST_LINES = {"replay": 47_480, "build_tree": 15_090}
 """Lines that a command can import, of some 81,100; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"

@@ -18,7 +18,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.mesh_distance import balls_are_clear
+from hhsim.kernels.contact.written_hand import balls_are_clear
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.field.hands import ON_SURFACE, Bodies, object_bvh
 from hhsim.metrics.mesh_penetration import RESOLUTION

@@ -15,7 +15,7 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.mesh_distance import HandBones, fill_with_balls, move_joints, place_bones
+from hhsim.kernels.contact.written_hand import HandBones, fill_with_balls, move_joints, place_bones
 from hhsim.kernels.hand.pose import apply_changes, turns_between
 from hhsim.kernels.jit import as_argument
 
