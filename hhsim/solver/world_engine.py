@@ -26,6 +26,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
+from hhsim.kernels.world.linearisation import write_other_pairs
 from hhsim.kernels.world.meeting import SEEN, do_hands
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
@@ -206,6 +207,8 @@ class WorldEngine:
             code["bodies"] = code_of(do_bodies, method, 0, 0.0)
             code["solving"] = code_of(solve_with_bodies, method, states[0], False, self.qp)
             code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
+        if len(self._pairs) > 1:
+            code["pairs"] = code_of(write_other_pairs, method, states[0])
         if len(self.hands) > 1:
             code["hands"] = code_of(do_hands, method, 0, 0.0)
         elif self.bodies[0].fixed and workspace.options.method == "progressive":

@@ -11,7 +11,7 @@ from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_lim
 from hhsim.kernels.contact.self_pairs import BROKEN, add_own_rows, begin_rows, choose_bends, foresee_own_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
-from hhsim.kernels.machine_code import call_code
+from hhsim.kernels.machine_code import call_code, run_code
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW
 from hhsim.kernels.tick.evaluation import complete_lists, lacks_pairs, least_distance
@@ -114,6 +114,14 @@ def _write_contacts(method: World, state: Record) -> None:
     problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
     problem.is_fresh, problem.share = 1, 1.0
+    if method.pairs != 0:
+        run_code(method.pairs, (method, state))
+
+
+@jit
+def write_other_pairs(method: World, state: Record) -> None:
+    """Write the rows of all pairs but the first, as `_write_contacts`."""
+    problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
     for p in range(1, pair_count(problem)):
         each, first, last = method.states[p], problem.first[p], problem.last[p]
         own, palm = each.problem, palm_column(problem, problem.hand[p])

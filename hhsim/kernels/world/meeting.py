@@ -41,7 +41,7 @@ OTHER_HAND = 1 << 62
 """Key of a force of the other hand among a hand's active contacts: no contact has it, and no guess takes it for one."""
 UNITS_ROUND = 25_000
 """Work units of a program more for pairs that the step of the one before would bring together."""
-RECALL, ADD, SHARE, APART, LOAD = range(5)
+RECALL, ADD, SHARE, APART, LOAD = map(as_int64, range(5))
 """What `do_hands` is asked to do."""
 
 

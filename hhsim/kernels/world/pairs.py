@@ -36,8 +36,8 @@ from hhsim.kernels.world.body import Support
 from hhsim.kernels.world.columns import States, first_finger, hand_count, pair_count, palm_column
 from hhsim.kernels.world.edges import Edges
 
-TAKE, BEGIN, PLACE, EDGES, AIM, CONTACTS, LOWEST, COLUMNS, REWRITE, CLIP, SHIFTS, STEPS = range(12)
-BEAR, MOVE, TABLE, DAMP, KEEP, HOLD, BACK, SEE, SNAP, END, TURN = range(12, 23)
+TAKE, BEGIN, PLACE, EDGES, AIM, CONTACTS, LOWEST, COLUMNS, REWRITE, CLIP, SHIFTS, STEPS = map(as_int64, range(12))
+BEAR, MOVE, TABLE, DAMP, KEEP, HOLD, BACK, SEE, SNAP, END, TURN = map(as_int64, range(12, 23))
 """What `ask_bodies` is asked to do."""
 
 
@@ -56,6 +56,7 @@ class World(NamedTuple):
     # Machine code by `code_of`, 0 where a scene has none of it, so that a tick is compiled without.
     bodies: int = 0  # what bodies that move add to a tick, `kernels.world.bodies.do_bodies`
     hands: int = 0  # what a second hand adds, `kernels.world.meeting.do_hands`
+    pairs: int = 0  # what further pairs add to a program, `kernels.world.linearisation.write_other_pairs`
     solving: int = 0  # a program other than `solve_plain`, of `kernels.world.bodies` or `kernels.tick.progressive`
     giving: int = 0  # what comes first where parts have moved, `kernels.parts.tick.give_way`
     given: Any = 0  # address of the parts; where nothing is compiled the parts themselves
