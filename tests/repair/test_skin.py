@@ -1,12 +1,11 @@
 """Skins: bones that carry them, depth against trimesh, freed skins before a referee, and hands fitted around them."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from joint_samples import joint_sample
 from pose_samples import mano_poses
@@ -102,19 +101,19 @@ def moved(sample: SkinSample, posture: HandConfiguration, changed: BoolArray) ->
     return moved_skin(sample.skin, sample.joints, correction_to(sample, posture, changed))
 
 
+@example(52)  # trimesh is 55 nm off there
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=15)
-def test_depth_is_that_of_trimesh(seed: int) -> None:
+def test_depth_is_that_of_brute_force(seed: int) -> None:
     random = np.random.default_rng(seed)
     shape = trimesh.creation.annulus(0.01, 0.03, 0.04, sections=8) if seed % 2 else trimesh.creation.box((0.04,) * 3)
     mesh = mesh_of(shape, random.normal(0.0, 0.01, 3))
     points = random.uniform(-0.05, 0.05, (4, 30, 3))
     points[0] += 1.0
     depth = skin_depth(Bodies.of(mesh), points)
-    solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    signed_distance: Any = trimesh.proximity.signed_distance
+    surface = TrueSurface(mesh)
     for frame, vertices in enumerate(points):
-        inside = signed_distance(solid, vertices)
+        inside = -surface.signed_distance(vertices)
         assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)
     assert depth[0] == 0.0
 

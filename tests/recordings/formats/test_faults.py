@@ -309,7 +309,11 @@ def test_mappings_that_are_none(line: str, said: str) -> None:
 def test_a_child_reads_an_hdf5_file_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, read = tmp_path / "a.hdf5", list[Path]()
     path.write_bytes(egodex())
-    opened = lambda given: (read.append(given), h5py.File(given))[1]  # noqa: E731
+
+    def opened(given: Path) -> h5py.File:
+        read.append(given)
+        return h5py.File(given)
+
     monkeypatch.setattr("hhsim.recordings.formats.egodex.open_hdf5", opened)
     assert read_recording(path, ReadOptions(hand="right")).sample_count == COUNT
     assert read == [path]
