@@ -254,7 +254,7 @@ def assign(
 
 @jit_allocating
 def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> None:
-    """Sort micro-triangles (N,) by owner, those of none (-1) first, and write where each owner's begin, and N, (n + 1,)."""
+    """Sort micro-triangles (N,) by owner, none (-1) first; write where those of each owner begin, and N, (n + 1,)."""
     place = np.zeros(first_out.shape[0], np.int64)
     for i in range(owner.shape[0]):
         place[owner[i] + 1] += 1
