@@ -124,10 +124,10 @@ def _scene(hands: Sequence[Result], options: SolverOptions, report: Progress) ->
     else:
         # Of several parts the scene states the level of the tree over all of them.
         grown = max(int(body.static["tree/level"].max(initial=1)) for body in result.bodies.values())
-        known["level"] = (stated.get("tree_options") or {}).get("level", grown)
+        known["level"] = _options(stated, "tree_options").get("level", grown)
         known["hand"] = "both" if len(hands) > 1 else result.side
         gone = ["level"] if known.get("tree") or known.get("max_error") else []
-        gone += ["place_object"] if (stated.get("placement") or {}).get("by_itself") else []
+        gone += ["place_object"] if _options(stated, "placement").get("by_itself") else []
         known = {name: word for name, word in known.items() if name not in gone}
     named = [known[name] for name in ("object", "trajectory") if name in known]
     files = [word for word in (*named, known.get("tree"), known.get("hand_file")) if word and names_a_file(str(word))]
@@ -145,6 +145,13 @@ def _scene(hands: Sequence[Result], options: SolverOptions, report: Progress) ->
     # A program may have run a part of the motion.
     part = result.complete and result.ticks < scene.ticks.tick_count
     return scene.first(result.ticks) if part else scene, "; ".join(f"with {file} as it is now" for file in files)
+
+
+def _options(stated: Mapping[str, Any], label: str) -> dict[str, Any]:
+    try:
+        return msgspec.convert(stated.get(label) or {}, dict[str, Any])
+    except msgspec.ValidationError as error:
+        raise InputError(f"{label} of its scene cannot be used: {error}") from error
 
 
 def is_measured(figure: str) -> bool:

@@ -25,7 +25,7 @@ SHOWN = dict.fromkeys(
 MADE = ("project_out:ProjectOut", "session.h5")
 """What lines before make by other commands than an import."""
 QUICK = ("hhsim replay cup handle", describe("lift").line)
-MISSED = {describe("hand-over").line: {"force_ripple_hold", "force_step", "lag_ticks"}}
+MISSED = {describe("hand-over").line: {"force_ripple_hold", "lag_ticks"}}
 """Figures over their limits, by the commands that docs/metrics.md names."""
 
 

@@ -14,7 +14,7 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.pose import farthest_joint, move, update_kinematics
 from hhsim.kernels.tick.force import ease_forces
 from hhsim.kernels.tick.state import STATUS_SNAP, tick_state_dtype
-from hhsim.kernels.tick.step import LEAST_STEP, keep_bound
+from hhsim.kernels.tick.step import LEAST_STEP, keep_bound, snap_step
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene
@@ -105,6 +105,13 @@ def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path)
 
 def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
     assert tick_options(SolverOptions().at_rate(200.0), HAND).snap_step == pytest.approx(5.0 * SNAP_STEP)
+
+
+@pytest.mark.parametrize(("ticks", "times"), [(0, 1.0), (16, 1.25), (32, 1.8), (96, 1.8), (128, 2.8), (160, 5.8)])
+def test_a_snap_grows_to_less_than_a_jump_and_ends(ticks: int, times: float) -> None:
+    progress = np.zeros(1, tick_state_dtype()).view(np.recarray)[0].progress
+    progress.snapped = ticks
+    assert snap_step(tick_options(SolverOptions(), HAND), progress) == pytest.approx(times * SNAP_STEP)
 
 
 def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:

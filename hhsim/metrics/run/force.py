@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.metrics.metrics import FORCE_FLOOR, Statistics, contact_force_step, force_ripple, force_step, statistics
 from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
@@ -29,9 +30,14 @@ def _step(run: RunTicks) -> float:
     return contact_force_step(run[TOTAL], run.touch, run.breaks)
 
 
-def _step_share(run: RunTicks) -> float:
+def _pressed(run: RunTicks) -> FloatArray:
     # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
-    mean = _in_contact(run).mean if run.free is None else statistics(run.free.grip, run.touch).mean
+    total = np.linalg.norm(run[TOTAL], axis=1)
+    return np.asarray(total if run.free is None else np.maximum(total, run.free.grip))
+
+
+def _step_share(run: RunTicks) -> float:
+    mean = statistics(_pressed(run), run.touch).mean
     return 100.0 * _step(run) / mean if mean >= FORCE_FLOOR else math.nan
 
 
@@ -89,8 +95,7 @@ METRICS = (
     ),
     RunMetric(
         "force_step", "largest force step while moving", digits=1, unit="% of hold", needs=(TOTAL,),
-        # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
-        compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold, run.free.grip if run.free else None),
+        compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold, _pressed(run)),
         judged=Judged(rounding=1e-6, limit=20.0),
     ),
 )  # fmt: skip
