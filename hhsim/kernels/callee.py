@@ -10,6 +10,7 @@ the content of a callee's cache file.
 
 import functools
 import gc
+import hashlib
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,12 +23,23 @@ from numba.core import untyped_passes as untyped
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, CompileResult, compile_result
 from numba.core.compiler_machinery import PassManager
+from numba.core.cpu import CPUContext
+from numba.core.itanium_mangler import mangle
 from numba.core.registry import CPUDispatcher
 
-from hhsim.kernels.kernel_cache import KernelCache
+from hhsim.kernels.kernel_cache import KernelCache, type_digest
 
 CALLEE_PREFIX = "callee-"
 """How the names of callees' files begin."""
+
+
+def _symbol(name: str, kinds: Any, *, abi_tags: Any = (), uid: Any = None) -> str:
+    """Return the symbol of a function for types, which numba spells out: LLVM would read megabytes of names."""
+    digest = hashlib.sha256("".join((*map(type_digest, kinds), *abi_tags)).encode()).hexdigest()[:16]
+    return str(mangle(name, (digest,), uid=uid))
+
+
+CPUContext.mangler = staticmethod(_symbol)
 
 
 class _CalleeLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -116,7 +128,7 @@ def _reduce_entry(result: Any) -> Any:
 
     Environments of callees hold what exceptions are made of; to read one imports the callee's module.
     """
-    *stored, environments = result._reduce()
+    *stored, environments = result._replace(type_annotation="")._reduce()
     return _without_bitcode((*stored, tuple(one for one in environments if one.consts)))
 
 

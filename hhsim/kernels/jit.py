@@ -35,6 +35,23 @@ R = TypeVar("R")
 # numba derives the types of a record's fields anew whenever one is passed: a quarter of a short replay.
 numpy_support.from_struct_dtype = functools.cache(numpy_support.from_struct_dtype)
 
+_find_signature = types.Function.get_call_type
+_signatures: dict[Any, Any] = {}
+
+
+def _signature(function: Any, context: Any, arguments: Any, named: Any) -> Any:
+    """Return the signature of a call of one of numba's functions or operators for types.
+
+    numba tries one implementation after another anew at each call, and writes down why each does not fit.
+    """
+    key = function, arguments, tuple(named.items())
+    if key not in _signatures:
+        _signatures[key] = _find_signature(function, context, arguments, named)
+    return _signatures[key]
+
+
+types.Function.get_call_type = _signature
+
 
 def as_argument(values: ArrayLike) -> NDArray[np.float64]:
     """Return an array as kernels are compiled for: floats, C-contiguous, writable (else numba compiles once more)."""

@@ -148,6 +148,12 @@ def is_cached() -> bool:
     return any(any((root / folder).glob(f"*{SUFFIX}")) for root in (SHIPPED, KERNEL_CACHE))
 
 
+@functools.cache
+def type_digest(kind: types.Type) -> str:
+    """Return a digest of a type: of a record it spells out all fields, tens of thousands of letters."""
+    return hashlib.sha256(repr(kind).encode()).hexdigest()
+
+
 def _foreign_sources(argument: types.Type) -> Iterator[str]:
     """Yield the files outside of the kernels that declare a NamedTuple type, or those in it."""
     if isinstance(argument, types.NamedTuple | types.NamedUniTuple | Reference):
@@ -187,7 +193,7 @@ class KernelCache:
         With a type that is declared outside of the kernels it depends on that type's source, so that edits are seen.
         """
         foreign = {source for argument in sig for source in _foreign_sources(argument)}
-        key = repr((tuple(sig), [Path(source).read_bytes() for source in sorted(foreign)]))
+        key = repr((list(map(type_digest, sig)), [Path(source).read_bytes() for source in sorted(foreign)]))
         return f"{self._kernel}.{hashlib.sha256(key.encode()).hexdigest()[:16]}{SUFFIX}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
