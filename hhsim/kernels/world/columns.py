@@ -262,53 +262,48 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
 
 
 @jit
-def displacement(
-    states: States,
-    bodies: Record,
-    problem: Record,
-    abduction_step: Array,
-    step: Array,
-    of: int,
-    px: float,
-    py: float,
-    pz: float,
-) -> tuple[float, float, float]:
-    """Compute the displacement of a point of what meets a body, relative to it; of the table, that of the body.
+def relative_motion(
+    states: States, bodies: Record, problem: Record, abduction_step: Array, step: Array, of: int, point: Array
+) -> tuple[float, float, float, float, float, float]:
+    """Compute displacement [m] and rotation [rad] of what meets a body, at a point of it; of the table, the body's own.
 
-    Frame of the contact's body [m]; the step is unscaled, in the program's order.
+    They are relative to the contact's body, in its frame; the step is unscaled, in the program's order.
     """
     number = body_of(problem, of)
     body, c = bodies[number], body_column(problem, number)
+    px, py, pz = point[0], point[1], point[2]
     wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
     x = step[c] + wy * rz - wz * ry
     y = step[c + 1] + wz * rx - wx * rz
     z = step[c + 2] + wx * ry - wy * rx
     if of < 0:
-        return x, y, z
+        return x, y, z, wx, wy, wz
     pair, other = _pair_of(problem, of), other_of(problem, of)
     pose = states[pair].pose
     rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
     if other >= 0:
         body, c = bodies[other], body_column(problem, other)
-        wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
+        ux, uy, uz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
         rx, ry, rz = turned_back(pose.rotation, rx, ry, rz)
-        vx, vy, vz = step[c] + wy * rz - wz * ry, step[c + 1] + wz * rx - wx * rz, step[c + 2] + wx * ry - wy * rx
+        vx, vy, vz = step[c] + uy * rz - uz * ry, step[c + 1] + uz * rx - ux * rz, step[c + 2] + ux * ry - uy * rx
         vx, vy, vz = turned(pose.rotation, vx, vy, vz)
-        return vx - x, vy - y, vz - z
+        ux, uy, uz = turned(pose.rotation, ux, uy, uz)
+        return vx - x, vy - y, vz - z, ux - wx, uy - wy, uz - wz
     hand = problem.hand[pair]
     palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
-    vx, vy, vz, wx, wy, wz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
+    vx, vy, vz, ux, uy, uz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
     if number > 0:
         vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
-        wx, wy, wz = turned(problem.turn[pair], wx, wy, wz)
-    x = vx + wy * rz - wz * ry - x
-    y = vy + wz * rx - wx * rz - y
-    z = vz + wx * ry - wy * rx - z
+        ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)
+    x = vx + uy * rz - uz * ry - x
+    y = vy + uz * rx - ux * rz - y
+    z = vz + ux * ry - uy * rx - z
+    wx, wy, wz = ux - wx, uy - wy, uz - wz
     at = of - BODY_COUNT * pair
     if at == PALM_BODY:
-        return x, y, z
-    f = at // PHALANX_COUNT
+        return x, y, z, wx, wy, wz
+    f, total = at // PHALANX_COUNT, 0.0
     ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
     for k in range(at % PHALANX_COUNT + 1):
         turn = step[fingers + PHALANX_COUNT * f + k]
@@ -316,52 +311,18 @@ def displacement(
         x += turn * (ay * rz - az * ry)
         y += turn * (az * rx - ax * rz)
         z += turn * (ax * ry - ay * rx)
-    turn = abduction_step[FINGER_COUNT * hand + f]
+        total += turn
+    turn, spread = abduction_step[FINGER_COUNT * hand + f], pose.abduction_axis[f]
+    wx += total * ax + turn * spread[0]
+    wy += total * ay + turn * spread[1]
+    wz += total * az + turn * spread[2]
     if turn != 0.0:
-        ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
+        ax, ay, az = spread[0], spread[1], spread[2]
         rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]
         x += turn * (ay * rz - az * ry)
         y += turn * (az * rx - ax * rz)
         z += turn * (ax * ry - ay * rx)
-    return x, y, z
-
-
-@jit
-def relative_turn(
-    states: States,
-    bodies: Record,
-    problem: Record,
-    abduction_step: Array,
-    step: Array,
-    of: int,
-    nx: float,
-    ny: float,
-    nz: float,
-) -> float:
-    """Compute the rotation of a hand body relative to its body about a direction [rad], as `displacement`."""
-    number = body_of(problem, of)
-    c = body_column(problem, number)
-    wx, wy, wz = turned_back(bodies[number].axes, step[c + 3], step[c + 4], step[c + 5])
-    if of < 0:
-        return wx * nx + wy * ny + wz * nz
-    pair = _pair_of(problem, of)
-    hand, at = problem.hand[pair], of - BODY_COUNT * pair
-    palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
-    ux, uy, uz = step[palm + 3], step[palm + 4], step[palm + 5]
-    if number > 0:
-        ux, uy, uz = turned(problem.turn[pair], ux, uy, uz)
-    wx, wy, wz = ux - wx, uy - wy, uz - wz
-    if at < PALM_BODY:
-        pose = states[pair].pose
-        f = at // PHALANX_COUNT
-        total = 0.0
-        for k in range(at % PHALANX_COUNT + 1):
-            total += step[fingers + PHALANX_COUNT * f + k]
-        turn = abduction_step[FINGER_COUNT * hand + f]
-        wx += total * pose.axis[f, 0] + turn * pose.abduction_axis[f, 0]
-        wy += total * pose.axis[f, 1] + turn * pose.abduction_axis[f, 1]
-        wz += total * pose.axis[f, 2] + turn * pose.abduction_axis[f, 2]
-    return wx * nx + wy * ny + wz * nz
+    return x, y, z, wx, wy, wz
 
 
 @jit

@@ -19,10 +19,9 @@ from hhsim.kernels.world.columns import (
     body_count,
     body_of,
     coefficient,
-    displacement,
     other_of,
     pair_count,
-    relative_turn,
+    relative_motion,
     torsion_radius,
 )
 from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
@@ -220,15 +219,14 @@ def find_borne(
     for i in range(count):
         p, n, of = borne.point[i], borne.normal[i], borne.body[i]
         way, spread = problem.total[:], problem.abduction_total[:]
-        x, y, z = displacement(states, bodies, problem, spread, way, of, p[0], p[1], p[2])
+        x, y, z, wx, wy, wz = relative_motion(states, bodies, problem, spread, way, of, p)
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
         place = borne.contact[i]
         if place < 0 or friction.has_friction[place] == 0:
-            spin, radius = 0.0, torsion_radius(bodies, problem, of)
-            if radius > 0.0:
-                spin = radius * relative_turn(states, bodies, problem, spread, way, of, n[0], n[1], n[2])
+            radius = torsion_radius(bodies, problem, of)
+            spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
             borne.bare = max(borne.bare, hypotenuse(coefficient(bodies, problem, of) * borne.slip[i], spin))
 
 

@@ -34,11 +34,10 @@ from hhsim.kernels.world.columns import (
     KINDS,
     States,
     coefficient,
-    displacement,
     first_finger,
     hand_count,
     pair_count,
-    relative_turn,
+    relative_motion,
     torsion_radius,
     write_row,
 )
@@ -283,13 +282,11 @@ def measure_slip(
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
     of, p, n = friction.body[i], friction.point[i], friction.normal[i]
     mu = coefficient(bodies, problem, of)
-    x, y, z = displacement(states, bodies, problem, abduction, step, of, p[0], p[1], p[2])
+    x, y, z, wx, wy, wz = relative_motion(states, bodies, problem, abduction, step, of, p)
     normal = x * n[0] + y * n[1] + z * n[2]
     x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
-    spin = 0.0
     radius = torsion_radius(bodies, problem, of)
-    if radius > 0.0:
-        spin = radius * relative_turn(states, bodies, problem, abduction, step, of, n[0], n[1], n[2])
+    spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
     friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
     return math.sqrt(x * x + y * y + z * z + spin * spin)
 
