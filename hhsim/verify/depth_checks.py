@@ -86,10 +86,11 @@ def _by_library(judge: JudgedTicks) -> Claim:
             part += int(np.abs(away - judge.hand.palm_radius).argmin())
         body = judge.bodies[int(np.searchsorted(starts, leaf, side="right")) - 1]
         leaf -= body.first
-        if judge.on_mesh and not body.triangles.solid[leaf]:
+        pieces = body.pieces
+        if pieces.triangles is not None and not pieces.triangles.solid[leaf]:
             # Coal has no triangle without area.
             continue
-        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (body.center[leaf], float(body.radius[leaf]))
+        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (pieces.center[leaf], float(pieces.radius[leaf]))
         row = i * (PALM + len(judge.hand.palm_radius)) + part
         a, b = body.seen_points(np.stack([cones.a[row], cones.b[row]])[None], np.array([i]))[0]
         found = coal_distance(a, b, float(cones.radius_a[row]), float(cones.radius_b[row]), *piece)

@@ -337,10 +337,10 @@ class _Solid:
 
     def _overlapping(self, other: "_Solid", turn: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pairs of a triangle and one of another body at a pose in this frame whose boxes overlap, (K, 3, 3) each."""
-        (low, high), balls = self.bounds, other.shell.places
+        (low, high), balls = self.bounds, other.shell.pieces
         middle, radius = balls.center @ turn.T + shift, balls.radius[:, None]
         near = np.flatnonzero(((middle + radius >= low) & (middle - radius <= high)).all(axis=1))
-        row, piece = self.shell.places.within(middle[near], balls.radius[near])
+        row, piece = self.shell.pieces.within(middle[near], balls.radius[near])
         theirs = other.shell.corners[near] @ turn.T + shift
         (low, high), (own_low, own_high) = _boxes(theirs), self.boxes
         kept = ((own_low[piece] <= high[row]) & (low[row] <= own_high[piece])).all(axis=1)

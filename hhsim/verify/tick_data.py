@@ -15,17 +15,14 @@ from hhsim.system.counted import counted
 from hhsim.verify.contacts import (
     PALM,
     Pairs,
-    Places,
-    ReadyTriangles,
-    ball_places,
+    Pieces,
+    ball_pieces,
     joined,
     meetings,
     meetings_of_two,
     near_pairs,
-    near_triangle_pairs,
     parts_that_may_meet,
-    ready_triangles,
-    triangle_places,
+    triangle_pieces,
 )
 from hhsim.verify.file_checks import usable
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations, turn_between
@@ -51,25 +48,13 @@ def left_out(status: IntArray, flags: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class JudgedBody:
-    """Mesh and leaf spheres in a frame of their own, and where that is at n ticks."""
+    """A body in a frame of its own, and where that is at n ticks."""
 
-    mesh: Mesh  # in the body's frame [m]
-    center: FloatArray  # leaf spheres [m], shapes (L, 3) and (L,)
-    radius: FloatArray
-    first: int  # number of its first sphere or triangle among those of all bodies
-    on_mesh: bool  # True if the hand touched triangles
+    mesh: Mesh  # [m]
+    pieces: Pieces  # leaf spheres or triangles, whichever the hand touches
+    first: int  # number of its first piece among those of all bodies
     turn: FloatArray  # rotation matrix to the world (n, 3, 3)
     shift: FloatArray  # translation to the world [m] (n, 3)
-
-    @cached_property
-    def triangles(self) -> ReadyTriangles:
-        """Triangles of the mesh."""
-        return ready_triangles(self.mesh.triangles)
-
-    @cached_property
-    def pieces(self) -> Places:
-        """Spheres or triangles, whichever the hand touches."""
-        return triangle_places(self.mesh.triangles) if self.on_mesh else ball_places(self.center, self.radius)
 
     def seen_points(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return points [m], shape (m, ..., 3), at the ticks of these rows as the body sees them."""
@@ -89,19 +74,6 @@ class JudgedBody:
         at = rows[pairs.tick]
         point, normal = (np.einsum("nij,nj->ni", self.turn[at], of) for of in (pairs.point, pairs.normal))
         return pairs._replace(point=point + self.shift[at], normal=normal)
-
-
-def judged_bodies(result: Result) -> tuple[JudgedBody, ...]:
-    """Return the bodies of a result at its ticks."""
-    on_mesh, found, first = result.surface == "mesh", list[JudgedBody](), 0
-    moved = result.meshes_moved() or (None,)
-    for body, motion in zip(result.bodies.values(), moved, strict=True):
-        mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
-        still = np.tile(np.eye(3), (result.ticks, 1, 1)), np.zeros((result.ticks, 3))
-        turn, shift = still if motion is None else (rotations(motion.turn)[0].as_matrix(), motion.shift)
-        found.append(JudgedBody(mesh, *leaves(body), first, on_mesh, turn, shift))
-        first += len(mesh.faces) if on_mesh else len(found[-1].radius)
-    return tuple(found)
 
 
 class JudgedTicks:
@@ -144,7 +116,16 @@ class JudgedTicks:
     @cached_property
     def bodies(self) -> tuple[JudgedBody, ...]:
         """Object, or parts of a body."""
-        return judged_bodies(self.result)
+        found, first, moved = list[JudgedBody](), 0, self.result.meshes_moved() or (None,)
+        for body, motion in zip(self.result.bodies.values(), moved, strict=True):
+            mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
+            pieces = triangle_pieces(mesh.triangles) if self.on_mesh else ball_pieces(*leaves(body))
+            turn, shift = np.tile(np.eye(3), (len(self.numbers), 1, 1)), np.zeros((len(self.numbers), 3))
+            if motion is not None:
+                turn, shift = rotations(motion.turn)[0].as_matrix(), motion.shift
+            found.append(JudgedBody(mesh, pieces, first, turn, shift))
+            first += len(pieces.radius)
+        return tuple(found)
 
     @cached_property
     def moved(self) -> FloatArray:
@@ -161,7 +142,7 @@ class JudgedTicks:
     @cached_property
     def _least_leaf(self) -> float:
         # Rolling on an edge or a corner of a mesh has the hand's radius alone.
-        return 0.0 if self.on_mesh else float(min(body.radius.min() for body in self.bodies))
+        return 0.0 if self.on_mesh else float(min(body.pieces.radius.min() for body in self.bodies))
 
     @property
     def rolling(self) -> float:
@@ -213,22 +194,17 @@ class JudgedTicks:
         """Ticks that say that moving parts left the hand no place."""
         return np.asarray(self.status & NO_PLACE > 0)
 
-    def near_body(self, body: JudgedBody, rows: IntArray, reach: float) -> Pairs:
-        """Find the pairs with one body within `reach` [m] at some ticks, which are counted from 0."""
-        posed = body.seen(self.posed, rows)
-        if self.on_mesh:
-            found = near_triangle_pairs(self.hand, posed, body.triangles, body.pieces, self.fingers, reach)
-        else:
-            found = near_pairs(self.hand, posed, body.pieces, self.fingers, reach)
-        return body.placed(found, rows)
-
     @cached_property
     def _near(self) -> tuple[Pairs, FloatArray]:
         """Pairs that touch, or nearly so, and least distances (T, 16); distant pairs are measured, and not kept."""
         reach = max(2.0 * self.bearing, self.margin if self.result.body.is_free else 0.0)
         kept, nearest = list[Pairs](), list[FloatArray]()
         for rows in np.array_split(self.numbers, range(BLOCK, len(self.numbers), BLOCK)):
-            found = joined([self.near_body(body, rows, reach) for body in self.bodies])
+            of_bodies = list[Pairs]()
+            for body in self.bodies:
+                seen = near_pairs(self.hand, body.seen(self.posed, rows), body.pieces, self.fingers, reach)
+                of_bodies.append(body.placed(seen, rows))
+            found = joined(of_bodies)
             pairs = found.within(2.0 * self.bearing)
             kept.append(pairs._replace(tick=rows[pairs.tick]))
             nearest.append(found.nearest(len(rows)))
