@@ -20,7 +20,7 @@ from hhsim import __version__
 from hhsim.bench.plan import Plan, read_plan
 from hhsim.errors import HhsimError
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.sweep.engines import Task, TaskEnd, check_own, has_format, locked, run_to_end
+from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, run_to_end
 from hhsim.sweep.input_files import file_digest, source_digest
 from hhsim.sweep.plan import DIGITS
 from hhsim.system.atomic_write import write_atomically
@@ -208,11 +208,9 @@ def run_tasks_of(
         text = json.dumps([*stated, place], sort_keys=True)
         digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
     with TemporaryDirectory() as scratch, ExitStack() as stack:
-        is_kept, folder = folder is not None, folder or Path(scratch)
-        if is_kept:
-            check_own(folder, has_format(folder / MARK, FORMAT), "bench")
-            stack.enter_context(locked(folder, folder, "bench"))
-            write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
+        if folder is not None:
+            stack.enter_context(TaskFolder(folder, "bench", MARK, FORMAT).locked(suite=name))
+        folder = folder or Path(scratch)
         files = [folder / f"{digest}.json" for digest in digests]
         left = [place for place, file in enumerate(files) if not file.is_file()]
         about: dict[str, Any] = {"folder": str(folder.resolve()), "sources": source_digest()}

@@ -21,7 +21,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.field.field_table import field_metrics
 from hhsim.repair.request import Repair
-from hhsim.sweep.engines import Task, TaskEnd, check_own, error_line, has_format, locked, require_dask, run_to_end
+from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, error_line, require_dask, run_to_end
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS
 from hhsim.sweep.repair_manifest import OUTCOME, PlannedRepair, load_manifest
@@ -286,7 +286,7 @@ def run_manifest(
     """
     if scheduler:
         require_dask()
-    check_own(out, has_format(out / MARK, FORMAT), "repairs")
+    folder = TaskFolder(out, "repair", MARK, FORMAT)
     text, rows = load_manifest(path, out, pictures=pictures)
     about: dict[str, Any] = {"folder": str(out.resolve()), "repair": repair, "sources": source_digest()}
     planned = {row_digest(row): row for row in rows}
@@ -296,9 +296,7 @@ def run_manifest(
         if end.reason:
             keep_lost(tasks[end.digest], end.reason)
 
-    with locked(out, out, "repair"):
-        content = {"format": FORMAT, "version": 1, "manifest": text}
-        write_atomically(out / MARK, f"{json.dumps(content, indent=1)}\n".encode())
+    with folder.locked(version=1, manifest=text):
         left = [task for digest, task in tasks.items() if not finished(task.row, digest)]
         jobs = workers or max(1, len(physical_cores()))
         run_to_end(left, "recordings", on_end, progress, scheduler=scheduler, jobs=jobs, done=len(tasks) - len(left))

@@ -166,7 +166,7 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
 def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:
     planned = load_plan(write_plan(tmp_path)).cells[0]
     for folder, sources, said in (("", "another", "is another one"), ("no", source_digest(), "sees no folder")):
-        of_cell: dict[str, Any] = {"cell": planned.cell, "digest": planned.digest, "plan_folder": str(tmp_path)}
+        of_cell: dict[str, Any] = {"cell": planned.cell, "digest": planned.digest}
         assert said in CellTask(**of_cell, folder=str(tmp_path / folder), sources=sources).run().reason
 
 
