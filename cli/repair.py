@@ -17,17 +17,8 @@ NO_OBJECT = "--object names the object that the hand holds; a manifest names it 
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
 FOLLOWED = (
-    "recording",
-    "out",
-    "quiet",
-    "object",
-    "unit",
-    "size",
-    "hand",
-    "rate",
-    "max_correction",
-    "follow",
-    "latency",
+    *("recording", "out", "quiet", "object", "unit", "size"),
+    *("hand", "rate", "max_correction", "follow", "latency"),
 )
 """Options of frames that are repaired as they come."""
 
