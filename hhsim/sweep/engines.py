@@ -23,7 +23,7 @@ from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.sweep.input_files import source_digest
 from hhsim.system import posix
 from hhsim.system.atomic_write import write_atomically
-from hhsim.system.input_file import read_input_text
+from hhsim.system.output_path import holds
 from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -83,15 +83,9 @@ class TaskFolder:
         self.path, self.what, self.mark, self.form = path, what, path / mark, form
         if path.exists() and not path.is_dir():
             raise OutputError(f"{path} is a file, not a folder: name another with --out")
-        if path.is_dir() and any(path.iterdir()) and not self._is_own():
+        is_own = self.mark.is_file() and holds(f'"format": "{form}"'.encode())(self.mark)
+        if path.is_dir() and any(path.iterdir()) and not is_own:
             raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
-
-    def _is_own(self) -> bool:
-        try:
-            found = json.loads(read_input_text(self.mark))
-        except (OSError, ValueError):
-            return False
-        return isinstance(found, dict) and found.get("format") == self.form
 
     @contextlib.contextmanager
     def locked(self, inner: str = "", **content: Any) -> Iterator[None]:
@@ -253,21 +247,18 @@ def run_on_dask(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[T
     Raises InputError without Dask, or a scheduler at that address.
     """
     require_dask()
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
-    if scheduler != LOCAL:
-        try:
-            client = Client(scheduler, timeout=PATIENCE)
-        except (OSError, ValueError, TypeError) as error:
-            why = " ".join(str(error).split()) or type(error).__name__
-            raise InputError(f"no Dask scheduler at {scheduler}: {why}; dask scheduler starts one") from None
-        with client:
-            yield from run_with_client(client, tasks)
-        return
-    with (
-        LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
+    how: dict[str, Any] = {"address": scheduler, "timeout": PATIENCE}
+    if scheduler == LOCAL:
+        # A client without an address starts a cluster of its own, and ends it.
+        how = {"n_workers": jobs, "threads_per_worker": 1, "dashboard_address": None}
+    try:
+        client = Client(**how)
+    except (OSError, ValueError, TypeError) as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"no Dask scheduler at {scheduler}: {why}; dask scheduler starts one") from None
+    with client:
         yield from run_with_client(client, tasks)
 
 

@@ -77,6 +77,7 @@ class Cell:
     # since it changes only times.
     repeat: int = 1
     folder: Path = field(default=Path(), compare=False)  # folder that its files are relative to
+    length: int = field(default=0, compare=False)  # number of ticks of one run
 
     @property
     def label(self) -> str:
@@ -111,10 +112,6 @@ class Cell:
         names = {"object": self.object.word, "trajectory": self.motion.word}
         stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
-
-    def absolute(self) -> "Cell":
-        """Return it with an absolute folder, for a process that works elsewhere."""
-        return replace(self, folder=self.folder.resolve())
 
     def read_files(self) -> tuple[ReadFile, ...]:
         """Return the files that it reads, as they are now; InputError if one cannot be read."""
@@ -171,27 +168,13 @@ class _PlanTable(Settings, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class PlannedCell:
-    """Cell, its digest, and its number of ticks."""
-
-    cell: Cell
-    digest: str
-    ticks: int
-
-    @property
-    def run_ticks(self) -> int:
-        """Number of ticks of all its runs."""
-        return self.ticks * self.cell.repeat
-
-
-@dataclass(frozen=True)
 class SweepPlan:
     """Plan with its cells."""
 
     name: str
     folder: Path  # the plan's folder; its files are relative to it
     text: str
-    cells: tuple[PlannedCell, ...]
+    cells: Mapping[str, Cell]  # by their digests
     notes: tuple[str, ...] = ()  # sentences about combinations that are left out or the same, and about recordings
 
 
@@ -218,7 +201,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if words.hand_file is not None:
             _require_file(f"{where}: options.{called}", folder, words.hand_file)
     left_out: Counter[str] = Counter()
-    cells: dict[str, PlannedCell] = {}
+    cells: dict[str, Cell] = {}
     durations = {motion.word: _Motion.read(folder, motion) for motion in motions}
     checked: set[tuple[str, str, str]] = set()
     for shape, motion, method, surface, (called, given), seed in product(
@@ -228,31 +211,30 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if why:
             left_out[why] += 1
             continue
-        cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat, folder)
+        ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
+        cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat, folder, ticks)
         if (method, surface, called) not in checked:
             with named(f"{where}, [options.{called}], {method}"):
                 cell.solver_options()
             checked.add((method, surface, called))
-        ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
-        planned = PlannedCell(cell, cell.digest(), ticks)
-        same = cells.setdefault(planned.digest, planned).cell
+        digest = cell.digest()
+        same = cells.setdefault(digest, cell)
         if same is not cell:
             names = same.options_name.split(BOTH)
             if called in names or replace(same, options_name=called, options=given) != cell:
                 raise InputError(f"{where}: two cells are the same: {same.label}; {cell.label}")
-            both = replace(same, options_name=BOTH.join((same.options_name, called)))
-            cells[planned.digest] = replace(planned, cell=both)
+            cells[digest] = replace(same, options_name=BOTH.join((same.options_name, called)))
     if not cells:
         raise InputError(f"{where}: no cell is left: {'; '.join(left_out)}")
     notes = [f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items()]
-    shared = Counter((cell.object.name, cell.options_name) for cell in (planned.cell for planned in cells.values()))
+    shared = Counter((cell.object.name, cell.options_name) for cell in cells.values())
     notes += [
         f"{shape}: {counted(count, 'cell')} computed once and called {names}: there these options come to the same"
         for (shape, names), count in shared.items()
         if BOTH in names
     ]
     notes += [f"{motion.name}: {remark}" for motion in motions for remark in durations[motion.word].remarks]
-    return SweepPlan(plan.name or name, folder, text, tuple(cells.values()), tuple(notes))
+    return SweepPlan(plan.name or name, folder, text, cells, tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -173,14 +173,6 @@ def write_outcome(folder: Path, outcome: RowOutcome) -> None:
     write_atomically(folder / OUTCOME, f"{text}\n".encode())
 
 
-def keep_lost(task: RowTask, reason: str) -> None:
-    """Write the outcome of a row whose worker left none; OutputError if that fails."""
-    folder = task.row.request.out.parent
-    _empty(folder)
-    reason = f"{reason}; its time_limit is {task.row.time_limit:,g} s"
-    write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
-
-
 def _empty(folder: Path) -> None:
     """Make a folder, and remove what is in it."""
     folder.mkdir(exist_ok=True)
@@ -294,7 +286,12 @@ def run_manifest(
 
     def on_end(end: TaskEnd) -> None:
         if end.reason:
-            keep_lost(tasks[end.digest], end.reason)
+            # The worker left no outcome.
+            row = tasks[end.digest].row
+            reason = f"{end.reason}; its time_limit is {row.time_limit:,g} s"
+            _empty(row.request.out.parent)
+            lost = RowOutcome(digest=end.digest, state="failed", reason=reason, is_final=False)
+            write_outcome(row.request.out.parent, lost)
 
     with folder.locked(version=1, manifest=text):
         left = [task for digest, task in tasks.items() if not finished(task.row, digest)]

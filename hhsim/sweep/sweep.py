@@ -12,7 +12,7 @@ import math
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
@@ -28,7 +28,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
 from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, require_dask, run_to_end
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, source_digest
-from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
+from hhsim.sweep.plan import OF_THE_SCENE, Cell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -62,35 +62,31 @@ class SweepFolder(TaskFolder):
                 with contextlib.suppress(OSError):
                     self._clean()
 
-    def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
+    def done(self, digest: str, cell: Cell, with_result: bool = False) -> bool:
         """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
-        path, row = self.row_path(planned), self.row(planned)
+        row = self.row(digest)
         result = row.get("result")
         if not row or (with_result and not result):
             return False
         if result and content_digest(self.cells / result) != row.get("result_sha256"):
             return False
-        if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
+        if row.get("repeated", {}).get("runs", 1) < cell.repeat:
             return False
-        if row["cell"] != _named(planned.cell):
-            write_row(path, planned.cell, planned.digest, row)
+        if row["cell"] != _named(cell):
+            write_row(self.cells, cell, digest, row)
         return True
 
-    def row(self, planned: PlannedCell) -> dict[str, Any]:
+    def row(self, digest: str) -> dict[str, Any]:
         """Return the row of a cell that was run, however often; {} for any other, and one not as it was written."""
         try:
-            found = json.loads(read_input_text(self.row_path(planned)))
+            found = json.loads(read_input_text(self.cells / f"{digest}.json"))
         except (OSError, ValueError, InputError):
             return {}
-        wanted = {"format": ROW_FORMAT, "version": VERSION, "digest": planned.digest}
+        wanted = {"format": ROW_FORMAT, "version": VERSION, "digest": digest}
         is_whole = (
             isinstance(found, dict) and wanted.items() <= found.items() and found.get("sha256") == _row_digest(found)
         )
         return found if is_whole else {}
-
-    def row_path(self, planned: PlannedCell) -> Path:
-        """Return the path of a cell's row."""
-        return self.cells / f"{planned.digest}.json"
 
     def _clean(self) -> None:
         for pattern in (f".*{PARTIAL}", ".*.tmp"):
@@ -107,11 +103,11 @@ def content_digest(path: Path) -> str:
         return ""
 
 
-def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
-    """Write the row of a cell in one step, null for NaN and infinity; OutputError if it cannot be."""
+def write_row(folder: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
+    """Write the row of a cell in a folder in one step, null for NaN and infinity; OutputError if it cannot be."""
     row = plain_json({**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)})
-    sealed = {**row, "sha256": _row_digest(row)}
-    write_atomically(path, (json.dumps(sealed, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    text = json.dumps({**row, "sha256": _row_digest(row)}, indent=1, sort_keys=True, allow_nan=False)
+    write_atomically(folder / f"{digest}.json", f"{text}\n".encode())
 
 
 def _row_digest(row: Mapping[str, Any]) -> str:
@@ -187,7 +183,7 @@ class CellTask(Task):
             "summary": summary.attributes(),
             "notes": list(summary.notes),
         }
-        write_row(folder / f"{self.digest}.json", cell, self.digest, row)
+        write_row(folder, cell, self.digest, row)
         return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs))
 
 
@@ -252,11 +248,11 @@ def run_sweep(
     cores = len(physical_cores())
     workers = jobs or max(1, cores)
     with folder.taken(plan):
-        waiting = {planned.digest: planned for planned in plan.cells if not folder.done(planned, keep_results)}
+        waiting = {of: cell for of, cell in plan.cells.items() if not folder.done(of, cell, keep_results)}
         began, ticks, failed = perf_counter(), 0, dict[str, str]()
         before = len(plan.cells) - len(waiting)
         if waiting:
-            prepare([planned.cell for planned in waiting.values()], progress)
+            prepare(list(waiting.values()), progress)
             about: dict[str, Any] = {
                 "folder": str(folder.cells.resolve()),
                 "keeps_result": keep_results,
@@ -264,8 +260,8 @@ def run_sweep(
                 "wants_core": bool(scheduler) or workers <= cores,
                 "sources": source_digest(),
             }
-            cells = {digest: planned.cell.absolute() for digest, planned in waiting.items()}
-            tasks = [CellTask(cell=cell, digest=digest, **about) for digest, cell in cells.items()]
+            root = plan.folder.resolve()
+            tasks = [CellTask(cell=replace(cell, folder=root), digest=of, **about) for of, cell in waiting.items()]
 
             def on_end(end: TaskEnd) -> None:
                 nonlocal ticks
@@ -321,11 +317,11 @@ COLUMNS: tuple[Column, ...] = (
 def cell_rows(plan: SweepPlan, folder: SweepFolder, failed: Mapping[str, str]) -> list[CellRow]:
     """Return the rows of the cells that are done or have `failed` (reasons by digest), in the order of the plan."""
     rows = []
-    for planned in plan.cells:
-        if reason := failed.get(planned.digest):
-            rows.append(failed_row(planned.cell, reason))
-        elif row := folder.row(planned):
-            rows.append(done_row(planned.cell, row))
+    for digest, cell in plan.cells.items():
+        if reason := failed.get(digest):
+            rows.append(failed_row(cell, reason))
+        elif row := folder.row(digest):
+            rows.append(done_row(cell, row))
     return rows
 
 

@@ -23,7 +23,7 @@ def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
     plan = load_plan(write_plan(tmp_path, text))
     (tmp_path / folder).mkdir()
     more: dict[str, Any] = {"wants_core": False, "sources": source_digest(), "folder": str(tmp_path / folder)}
-    return [CellTask(cell=cell.cell, digest=cell.digest, **more) for cell in plan.cells]
+    return [CellTask(cell=cell, digest=digest, **more) for digest, cell in plan.cells.items()]
 
 
 @ignored
