@@ -138,10 +138,6 @@ class Outcome:
         """Return the figure of points that went through a disc of this radius [m] in the plane z = 0."""
         return Figure(f"points of the hand that went through the {thing}", crossings(self.points, radius - RIM), 0)
 
-    def apart_from(self, other: "Outcome") -> float:
-        """Return the largest distance [m] of a joint or the palm from the other's."""
-        return float(np.linalg.norm(self.points - other.points, axis=-1).max())
-
 
 def largest_step(points: ArrayLike) -> float:
     """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""

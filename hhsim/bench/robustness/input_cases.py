@@ -167,7 +167,8 @@ def _judge_samples(like: str) -> Judge:
 
     def judge(outcome: Outcome) -> Figures:
         if like:
-            yield Figure(f"difference to {like}", outcome.apart_from(outcome.before[-1]), 0.0, "m")
+            apart = float(np.linalg.norm(outcome.points - outcome.before[-1].points, axis=-1).max())
+            yield Figure(f"difference to {like}", apart, 0.0, "m")
         if like == LATE:
             runs = (*outcome.before, outcome)
             wrong = ((run.ticks.status & STATUS_INPUT_INVALID > 0) == sound_samples(run.run.motion) for run in runs)

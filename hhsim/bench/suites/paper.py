@@ -108,7 +108,7 @@ class Paper(Suite):
 
     def rows(self, figures: Sequence[SceneRun]) -> list[Row]:
         """Return the rows of the paper's figures."""
-        return paper_rows(PaperRuns.of_all(figures), self.methods, self.whole)
+        return paper_rows(PaperRuns(figures), self.methods, self.whole)
 
     def tables(self, rows: Sequence[Row], figures: Sequence[SceneRun]) -> list[Table]:
         """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
@@ -136,7 +136,7 @@ class Paper(Suite):
             Table.of_cells(headings, cells, title, numbers=numbers),
             Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
         ]
-        cases = case_table(PaperRuns.of_all(figures).scenes)
+        cases = case_table(figures)
         return [*found, cases] if cases.rows else found
 
     def missed(self, rows: Sequence[Row]) -> list[str]:
@@ -159,7 +159,7 @@ class Paper(Suite):
         self, path: Path, rows: Sequence[Row], figures: Sequence[SceneRun], progress: Progress, note: str
     ) -> list[Path]:
         """Draw Figs. 11 to 15 in a folder."""
-        return draw_all(path, PaperRuns.of_all(figures), progress, note)
+        return draw_all(path, PaperRuns(figures), progress, note)
 
 
 def make_stages(
