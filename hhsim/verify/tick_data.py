@@ -179,16 +179,6 @@ class JudgedTicks:
         """Pairs with the other hand that touch, or nearly so."""
         return self.of_other_hand(2.0 * self.bearing)
 
-    def meetings_at(self, i: int) -> Pairs:
-        """Pairs of the hand's own parts that can bear a force at a tick."""
-        found, within = self.meetings.of(i), self.bearing_within[i]
-        return found.at(np.flatnonzero(found.distance <= np.maximum(within[found.body], within[found.leaf])))
-
-    def bearing_at(self, i: int) -> Pairs:
-        """Pairs that can bear a force at a tick, with the object or the other hand."""
-        found = joined([self.pairs.of(i), self.against_other_hand.of(i)])
-        return found.at(np.flatnonzero(found.distance <= self.bearing_within[i, found.body]))
-
     @property
     def squeezed(self) -> BoolArray:
         """Ticks that say that moving parts left the hand no place."""
