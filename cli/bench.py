@@ -1,7 +1,7 @@
 """`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -175,7 +175,7 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
     missed, notes = suite.missed(rows), suite.notes(figures)
     if output.for_people:
         for table in suite.tables(rows, figures):
-            print_table(table, optional=plan.optional)
+            print_table(replace(table, optional=plan.optional))
             print()
         print_notes(notes)
     plots = {"pictures": list(map(str, pictures))} if pictures else {}

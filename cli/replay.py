@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -243,11 +244,8 @@ def _figures(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> "Iterator[
     missed = [figure for of in hands.values() for figure in of.verdict.missed]
     tables = {name: whole_table(of.rows) if whole else short_table(of.rows, missed) for name, of in hands.items()}
     rows = next(iter(tables.values()))
-    yield (
-        hands_table(tables, summary.promises)
-        if several
-        else (figure_table(rows, promises=summary.promises), ("paper",))
-    )
+    table = hands_table(tables, summary.promises) if several else figure_table(rows, promises=summary.promises)
+    yield replace(table, optional=("paper",))
     if not whole:
         yield "the main figures: --all prints all"
 

@@ -107,7 +107,7 @@ def _figures(
     done = [row for row in rows if row["verdict"] != FAILED]
     if done:
         table = shown_table(done[:MOST_ROWS])
-        yield table, ("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface")
+        yield table
         yield from (*table.notes, "")
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     yield f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed"

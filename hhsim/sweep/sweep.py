@@ -362,7 +362,8 @@ def shown_table(rows: Sequence[CellRow]) -> Table:
         number("p99", lambda row: _time(row, "tick_cpu_p99"), "µs"),
     )
     alone = all(row["times_comparable"] for row in rows if row["verdict"] != FAILED)
-    return Table(columns, rows, notes=() if alone else (NOTE,))
+    optional = "stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"
+    return Table(columns, rows, notes=() if alone else (NOTE,), optional=optional)
 
 
 def _time(row: CellRow, name: str) -> str:
