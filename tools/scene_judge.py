@@ -23,13 +23,12 @@ from hhsim.solver.options import Stiffness
 from hhsim.verify.contacts import (
     PALM,
     Pairs,
-    ball_pieces,
+    Pieces,
     joined,
     meetings,
     meetings_of_two,
     near_pairs,
     parts_that_may_meet,
-    triangle_pieces,
 )
 from hhsim.verify.force_checks import balance, moment, with_meetings
 from hhsim.verify.free_object_checks import gyrated
@@ -328,7 +327,7 @@ def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
 
 def near_body(own: OwnHand, here: Posed, body: Moved) -> Pairs:
     """Return the pairs of a hand, as a body sees it, and the body's triangles or spheres within `TOUCH`."""
-    pieces = triangle_pieces(body.solid.mesh.triangles) if body.spheres is None else ball_pieces(*body.spheres)
+    pieces = Pieces.of_triangles(body.solid.mesh.triangles) if body.spheres is None else Pieces.of_balls(*body.spheres)
     return near_pairs(own, here, pieces, np.ones(5, bool), TOUCH)
 
 

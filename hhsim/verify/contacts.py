@@ -72,6 +72,23 @@ class Pieces(NamedTuple):
     radius: FloatArray  # [m] (L,)
     triangles: "ReadyTriangles | None" = None  # None for leaf spheres
 
+    @classmethod
+    def of_balls(cls, center: FloatArray, radius: FloatArray) -> "Pieces":
+        """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
+        from scipy.spatial import cKDTree
+
+        # The spheres of a tree fill the object: a few of them are a hundred times as large as most.
+        octave = np.frexp(radius)[1]
+        classes = [np.flatnonzero(octave == some) for some in np.unique(octave)]
+        return cls([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
+
+    @classmethod
+    def of_triangles(cls, corners: FloatArray) -> "Pieces":
+        """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
+        middle = corners.mean(axis=1)
+        balls = cls.of_balls(middle, np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1))
+        return balls._replace(triangles=ready_triangles(corners))
+
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
         """Return indices of points [m], world, (N, 3), and of pieces whose balls may be within `reach` [m] (N,)."""
         rows, pieces, points = [], [], _clipped(points)
@@ -106,16 +123,6 @@ class Pieces(NamedTuple):
 def _clipped(points: FloatArray) -> FloatArray:
     # A k-d tree takes no points whose squares overflow.
     return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
-
-
-def ball_pieces(center: FloatArray, radius: FloatArray) -> Pieces:
-    """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
-    from scipy.spatial import cKDTree
-
-    # The spheres of a tree fill the object: a few of them are a hundred times as large as most.
-    octave = np.frexp(radius)[1]
-    classes = [np.flatnonzero(octave == some) for some in np.unique(octave)]
-    return Pieces([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
 
 
 class RoundCones(NamedTuple):
@@ -280,13 +287,6 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     normal = np.where(solid, normal, 0.0) / np.where(solid, length, 1.0)
     inward = np.cross(normal[None], side, axis=1)
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
-
-
-def triangle_pieces(corners: FloatArray) -> Pieces:
-    """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
-    middle = corners.mean(axis=1)
-    balls = ball_pieces(middle, np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1))
-    return balls._replace(triangles=ready_triangles(corners))
 
 
 def cones_near_triangles(

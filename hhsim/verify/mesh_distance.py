@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.verify.contacts import BODIES, PALM, RoundCones, cones_near_triangles, round_cones, triangle_pieces
+from hhsim.verify.contacts import BODIES, PALM, Pieces, RoundCones, cones_near_triangles, round_cones
 from hhsim.verify.kinematics import rotations
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class TrueSurface:
         import trimesh
 
         self._as_found = open_too
-        self.corners, self.pieces, self._faces = mesh.triangles, triangle_pieces(mesh.triangles), mesh.faces
+        self.corners, self.pieces, self._faces = mesh.triangles, Pieces.of_triangles(mesh.triangles), mesh.faces
         self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
         # In millimetres: trimesh's tolerances are of lengths like those.
         found = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)

@@ -12,18 +12,7 @@ from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
-from hhsim.verify.contacts import (
-    PALM,
-    Pairs,
-    Pieces,
-    ball_pieces,
-    joined,
-    meetings,
-    meetings_of_two,
-    near_pairs,
-    parts_that_may_meet,
-    triangle_pieces,
-)
+from hhsim.verify.contacts import Pairs, Pieces, joined, meetings, meetings_of_two, near_pairs, parts_that_may_meet
 from hhsim.verify.file_checks import usable
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.tree_checks import leaves
@@ -119,7 +108,7 @@ class JudgedTicks:
         found, first, moved = list[JudgedBody](), 0, self.result.meshes_moved() or (None,)
         for body, motion in zip(self.result.bodies.values(), moved, strict=True):
             mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
-            pieces = triangle_pieces(mesh.triangles) if self.on_mesh else ball_pieces(*leaves(body))
+            pieces = Pieces.of_triangles(mesh.triangles) if self.on_mesh else Pieces.of_balls(*leaves(body))
             turn, shift = np.tile(np.eye(3), (len(self.numbers), 1, 1)), np.zeros((len(self.numbers), 3))
             if motion is not None:
                 turn, shift = rotations(motion.turn)[0].as_matrix(), motion.shift
@@ -218,6 +207,6 @@ class JudgedTicks:
     @cached_property
     def forces(self) -> FloatArray:
         """Force of each body [N], the palm's last, shape (T, 16, 3)."""
-        phalanx = np.asarray(self.result["force/phalanx"]).reshape(-1, PALM, 3)
+        phalanx = np.asarray(self.result["force/phalanx"]).reshape(len(self.numbers), -1, 3)
         palm = np.asarray(self.result["force/total"]) - phalanx.sum(axis=1)
         return np.concatenate([phalanx, palm[:, None]], axis=1)

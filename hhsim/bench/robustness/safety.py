@@ -29,7 +29,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.system.settings_file import Names
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify.contacts import PALM, Pairs, Pieces, ball_pieces, near_pairs, triangle_pieces
+from hhsim.verify.contacts import PALM, Pairs, Pieces, near_pairs
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
@@ -51,9 +51,9 @@ MOST_CHECKS = 40
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
     """Return the pieces of a surface by its name, in the frame of mesh and tree; InputError if there is no such one."""
     if surface == "spheres" and tree is not None:
-        return ball_pieces(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))
+        return Pieces.of_balls(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))
     if surface == "mesh" and mesh is not None:
-        return triangle_pieces(mesh.triangles)
+        return Pieces.of_triangles(mesh.triangles)
     raise InputError(f"this object has no {surface}")
 
 
