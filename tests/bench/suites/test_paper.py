@@ -13,18 +13,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.paper import figures as paper_figures
-from hhsim.bench.paper.run import (
-    COUNTS,
-    GLOVE,
-    NOISES,
-    PaperRuns,
-    Scenario,
-    SceneRun,
-    held_ticks,
-    make_stage,
-    play,
-    play_again,
-)
+from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, Scenario, held_ticks, make_stage, play, play_again
 from hhsim.bench.paper.table import paper_row, paper_rows
 from hhsim.bench.suite import Row, run_cells
 from hhsim.bench.suites.paper import Paper
@@ -147,7 +136,7 @@ def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     drawn: list[tuple[str, str, int]] = []
     draw = paper_figures.draw_scene
 
-    def spy(axes: Any, run: SceneRun, *given: Any) -> None:
+    def spy(axes: Any, run: Any, *given: Any) -> None:
         draw(axes, run, *given)
         forces = given[4] if len(given) > 4 else ()
         image = np.asarray(axes.get_images()[0].get_array())
