@@ -21,15 +21,7 @@ from hhsim.gate.gate import GateReport, gate_result, load_baseline, write_baseli
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, cpu_p50, run_figures
 from hhsim.gate.report import COLUMNS, headline, markdown, number_text, reasons
 from hhsim.gate.run import RunFailed, Side
-from hhsim.gate.suite import (
-    GateScene,
-    GateSuite,
-    default_suite,
-    default_suite_text,
-    load_suite,
-    parse_suite,
-    usual_limits,
-)
+from hhsim.gate.suite import GateScene, default_suite, default_suite_text, load_suite, parse_suite, usual_limits
 from hhsim.gate.verdict import GateRow, judge_figures, judge_run, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.replay import replay_scene
@@ -485,7 +477,7 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     assert scene.command() == ["replay", "cube", "short.toml", "--method", "coupled"]
 
 
-def limited(limits: str) -> GateSuite:
+def limited(limits: str) -> Any:
     return parse_suite(SUITE.replace("[limits]", f"[limits]\n{limits}"), Path(), "own")
 
 
