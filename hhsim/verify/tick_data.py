@@ -199,11 +199,6 @@ class JudgedTicks:
         """Least distance of each body [m], infinite for none near, shape (T, 16)."""
         return self._near[1]
 
-    @property
-    def sphere_penetration(self) -> float:
-        """Maximum depth in the leaf spheres [m]; NaN for a hand that touches triangles."""
-        return float("nan") if self.on_mesh else max(0.0, -float(self.nearest.min(initial=0.0)))
-
     @cached_property
     def forces(self) -> FloatArray:
         """Force of each body [N], the palm's last, shape (T, 16, 3)."""
