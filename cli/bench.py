@@ -1,7 +1,7 @@
 """`hhsim bench`: one command for every suite, whose options are the fields of the suite's settings."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
@@ -134,7 +134,8 @@ def _entry(hint: Any) -> tuple[Any, bool]:
 def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
     from hhsim.bench.suite import run_cells, run_tasks_of
-    from hhsim.table.file import check_table_path, table_document, write_table
+    from hhsim.table.file import check_table_path, write_table
+    from hhsim.table.table import stored_unit
 
     plan, plot, listed = kind.plan(), given.pop("plot", None), given.pop("listed", False)
     running = {
@@ -174,14 +175,16 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
     missed, notes = suite.missed(rows), suite.notes(figures)
     if output.for_people:
         for table in suite.tables(rows, figures):
-            print_table(table, optional=plan.optional)
+            print_table(replace(table, optional=plan.optional))
             print()
         print_notes(notes)
     plots = {"pictures": list(map(str, pictures))} if pictures else {}
     drawn = f", the picture in {picture}" if len(pictures) == 1 else ""
     drawn = f", {counted(len(pictures), 'picture')} in {plot}" if len(pictures) > 1 else drawn
+    about = {"table": str(path), "csv": str(path.with_suffix(".csv")), **plots, "options": described}
+    units = {column.name: stored_unit(column.unit) for column in columns}
     output.show(
-        {**table_document(path, columns, described, **plots), "missed": missed, "notes": notes, "rows": rows},
+        {**about, "units": units, "missed": missed, "notes": notes, "rows": rows},
         *suite.lines(rows),
         *(f"missed: {what}" for what in missed),
         f"the table is in {path} and {path.with_suffix('.csv')}{drawn}",

@@ -130,10 +130,8 @@ def command(
     source.check()
     link = robot.link or ""
     if robot.means(object_, output.out):
-        given = next((name for name, value in mesh_file.given().items() if value is not False), None)
-        if given:
-            message = f"--{given} is for mesh files; {object_} is a robot, whose triangles are as it states"
-            raise click.UsageError(message)
+        of_meshes = {field.name for field in fields(MeshFile)}
+        refuse_typed(f"is for mesh files; {object_} is a robot, whose triangles are as it states", names=of_meshes)
         options = build.options(seed, leaves=USUAL_LEAVES)
         threads = build.threads or usual_threads()
         robot_spheres(Path(object_), robot, options, source.path, output, plot, threads, seed)

@@ -1,6 +1,7 @@
 """`hhsim compare`."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -87,6 +88,6 @@ def command(
         },
         *parts,
         "",
-        (Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), ("B/A",)),
+        replace(Table.of_cells(headings, cells, numbers=("A", "B", "B/A")), optional=("B/A",)),
         as_json=as_json,
     )

@@ -37,11 +37,11 @@ def prepare_streams() -> None:
         sys.stdout.reconfigure(errors="surrogateescape" if unicode else "replace")
 
 
-def print_table(table: "Table", *, optional: Sequence[str] = ()) -> None:
-    """Print a table to stdout, as wide as the terminal allows; `optional` as of `terminal_text`."""
+def print_table(table: "Table") -> None:
+    """Print a table to stdout, as wide as the terminal allows."""
     from hhsim.table.terminal import terminal_text
 
-    print(terminal_text(table, in_terminal=sys.stdout.isatty(), optional=optional))
+    print(terminal_text(table, in_terminal=sys.stdout.isatty()))
 
 
 def print_line(text: str) -> None:

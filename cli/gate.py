@@ -1,5 +1,6 @@
 """`hhsim gate`."""
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -134,7 +135,7 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     from msgspec.structs import replace
 
     from hhsim.gate.gate import gate_suite, load_baseline
-    from hhsim.gate.run import find_side, this_python
+    from hhsim.gate.run import find_side
     from hhsim.gate.suite import SUITE_FILE, default_suite, load_suite
 
     usual = Path(SUITE_FILE)
@@ -148,12 +149,12 @@ def _judge_suite(target: Path | None, comparison: Comparison, *, quiet: bool) ->
     if named is None and comparison.write_baseline is None and comparison.base_folder is None:
         named = suite.folder / suite.baseline if suite.baseline else None
     baseline = None if named is None else load_baseline(named)
-    head = find_side("head", this_python())
-    base = None
+    own = Path(sys.executable)
+    head, base = find_side("head", own), None
     if comparison.base_folder is not None and not comparison.base_folder.is_dir():
         raise InputError(f"--base-folder {comparison.base_folder}: no such folder; expected a checkout of the base")
     if comparison.base_python is not None or comparison.base_folder is not None:
-        python = this_python() if comparison.base_python is None else comparison.base_python.absolute()
+        python = own if comparison.base_python is None else comparison.base_python.absolute()
         base = find_side("base", python, comparison.base_folder)
     with progress(quiet=quiet) as report:
         return gate_suite(suite, head, base=base, baseline=baseline, timed=comparison.time, progress=report)

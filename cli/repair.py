@@ -17,17 +17,8 @@ NO_OBJECT = "--object names the object that the hand holds; a manifest names it 
 ALWAYS, OF_MANY = ("recording", "out", "as_json", "quiet", "pictures"), ("jobs", "scheduler")
 """Options of every repair, and those of a manifest alone."""
 FOLLOWED = (
-    "recording",
-    "out",
-    "quiet",
-    "object",
-    "unit",
-    "size",
-    "hand",
-    "rate",
-    "max_correction",
-    "follow",
-    "latency",
+    *("recording", "out", "quiet", "object", "unit", "size"),
+    *("hand", "rate", "max_correction", "follow", "latency"),
 )
 """Options of frames that are repaired as they come."""
 
@@ -96,10 +87,19 @@ def command(
     from hhsim.repair.repair import repair_both_hands, repair_recording
     from hhsim.repair.request import RepairRequest
 
-    is_many = recording.suffix.lower() == ".toml"
-    if is_many:
+    if recording.suffix.lower() == ".toml":
+        from hhsim.sweep.repair_batch import brief_table, run_manifest
+
         refuse_typed(f"is for one recording; {recording} states it in its rows", but=(*ALWAYS, *OF_MANY))
-        return _many(recording, out, jobs or 0, scheduler, limits.pictures == "all", printing)
+        how: Any = {"workers": jobs or 0, "scheduler": scheduler, "pictures": limits.pictures == "all"}
+        with progress(quiet=printing.quiet) as report:
+            found = run_manifest(recording, out, repair_recording, **how, progress=report)
+        printing.show(
+            {"recordings": found.table.records, "failed": dict(found.failed), "table": str(found.path)},
+            brief_table(found.table),
+            f"{len(found.failed)} without a repair within the limits; all of it is in {found.path}",
+        )
+        return 1 if found.failed else 0
     refuse_typed(f"is for a manifest; {recording} is one recording", names=OF_MANY)
     if limits.hands == "both" and reading.hand:
         raise click.UsageError("--hand is of one hand, and --hands both repairs two")
@@ -174,19 +174,3 @@ def _follow(recording: Path, thing: ObjectSettings, limits: RepairLimits, readin
             print(line, file=target, flush=True)
             marked |= frame.marked
     return 1 if marked else 0
-
-
-def _many(manifest: Path, out: Path, jobs: int, scheduler: str, pictures: bool, printing: Printing) -> int:
-    """Repair the recordings of a manifest; returns the exit code."""
-    from hhsim.repair.repair import repair_recording
-    from hhsim.sweep.repair_batch import brief_table, run_manifest
-
-    how: Any = {"workers": jobs, "scheduler": scheduler, "pictures": pictures}
-    with progress(quiet=printing.quiet) as report:
-        found = run_manifest(manifest, out, repair_recording, **how, progress=report)
-    printing.show(
-        {"recordings": found.table.records, "failed": dict(found.failed), "table": str(found.path)},
-        brief_table(found.table),
-        f"{len(found.failed)} without a repair within the limits; all of it is in {found.path}",
-    )
-    return 1 if found.failed else 0

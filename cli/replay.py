@@ -2,6 +2,7 @@
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from hhsim.replay.summary import ReplaySummary
-    from hhsim.scene.described_scene import SceneWords
     from hhsim.solver.options import SolverOptions
 
 STIFFNESSES = {"translation": "k_t [N/m]", "rotation": "k_r [N·m/rad]", "flexion": "k_θ [N·m/rad]"}
@@ -88,7 +88,7 @@ class SolverSettings(scene_options.Linearising, scene_options.SolverChoice):
 
 
 class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
-    """Hand and its motion; `tremor` is an amplitude of the palm's position [mm] and of its rotation [°]."""
+    """Hand and its motion, by the names of `hhsim.scene.described_scene.SceneWords`."""
 
     place_object: Place | None = option(
         "Object of a recording: where it was recorded (recorded), or where the closing fingers meet it (auto)."
@@ -97,40 +97,15 @@ class HandAndMotion(scene_options.Sampling, heading="Hand and motion"):
         "An object that a recording moves: it moves as recorded, or stays fixed where it was at first.",
         default="recorded",
     )
-    side: options.Sides | None = options.WHICH_HANDS
+    hand: options.Sides | None = options.WHICH_HANDS
     hand_file: Path | None = options.HAND_FILE
-    tremor: Annotated[tuple[float, float], READ_TREMOR] | None = option(
-        "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.", "MM,DEG"
+    tremor_mm_deg: Annotated[tuple[float, float], READ_TREMOR] | None = option(
+        "Add seeded tremor of 10 Hz of this amplitude: palm position [mm] and rotation [°], such as 0.1,0.2.",
+        "MM,DEG",
+        "--tremor",
     )
     seed: options.AnySeed = options.SEED
     ticks: options.Count | None = option("Run only the first N ticks. Default: the whole motion.", "N")
-
-    def words(
-        self,
-        object_: str,
-        trajectory: str,
-        mesh_file: object_options.MeshFile,
-        tree: object_options.TreeOrFile,
-        data: HandData,
-        free: scene_options.FreeChoice,
-    ) -> "SceneWords":
-        """Return what the command line says of the scene."""
-        from hhsim.scene.described_scene import SceneWords
-
-        own = ("samples", "place_object", "object_pose", "rate", "ticks", "seed")
-        reading = {name: str(of) if isinstance(of, Path) else of for name, of in data.given().items()}
-        return SceneWords(
-            object=object_,
-            trajectory=trajectory,
-            tree=str(tree.path) if tree.path else None,
-            hand=self.side,
-            hand_file=str(self.hand_file) if self.hand_file else None,
-            tremor_mm_deg=self.tremor,
-            free=free.words(),
-            **mesh_file.words(tree),
-            **{name: getattr(self, name) for name in own},
-            reading=reading or None,
-        )
 
 
 class ReplayOutput(options.Output):
@@ -198,10 +173,12 @@ def command(
     from hhsim.solver.free_object import require_free
     from hhsim.solver.scene_solver import SceneSolver
 
-    if moving.side == "both" and output.repeat > 1:
+    if moving.hand == "both" and output.repeat > 1:
         raise click.UsageError("--repeat is of one hand")
     solver_options = solver.options()
-    loaded = load_words(moving.words(object_, trajectory, mesh_file, tree, data, free), surface=solver.surface)
+    reading = {name: str(of) if isinstance(of, Path) else of for name, of in data.given().items()} or None
+    more = {"reading": reading, **mesh_file.words(tree)}
+    loaded = load_words(scene_options.scene_words(object_, trajectory, free, moving, **more), surface=solver.surface)
     motion, bodies = loaded.motions[0], loaded.bodies
     free.check_motion(motion)
     remarks = import_remarks(motion, trajectory)
@@ -267,11 +244,8 @@ def _figures(hands: "Mapping[str, ReplaySummary]", *, whole: bool) -> "Iterator[
     missed = [figure for of in hands.values() for figure in of.verdict.missed]
     tables = {name: whole_table(of.rows) if whole else short_table(of.rows, missed) for name, of in hands.items()}
     rows = next(iter(tables.values()))
-    yield (
-        hands_table(tables, summary.promises)
-        if several
-        else (figure_table(rows, promises=summary.promises), ("paper",))
-    )
+    table = hands_table(tables, summary.promises) if several else figure_table(rows, promises=summary.promises)
+    yield replace(table, optional=("paper",))
     if not whole:
         yield "the main figures: --all prints all"
 

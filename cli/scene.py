@@ -7,7 +7,7 @@ from hhsim.system.counted import counted
 from .arguments.command import make_command, option
 from .arguments.object_options import OBJECT, MeshSize
 from .arguments.options import SEED, TREE_LEVEL, WHICH_HANDS, AnySeed, OneLevel, OutPath, Printing, Sides
-from .arguments.scene_options import TRAJECTORY, FreeChoice, Sampling
+from .arguments.scene_options import TRAJECTORY, FreeChoice, Sampling, scene_words
 from .console import print_notes
 
 
@@ -39,27 +39,15 @@ def command(
       hhsim scene cup handle --rate 500 --hand left --out cup-handle
       hhsim scene cube lift-both --hands both --free
     """
-    from hhsim.scene.described_scene import SceneWords, load_words
+    from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.submissions.scene_folder import EXAMPLE, check_scene_folder, worded_scene, write_scene_folder
     from hhsim.system.output_path import dated_output_path
 
     folder = out or dated_output_path(f"{Path(object_).stem}-{Path(trajectory).stem}-scene", "")
     check_scene_folder(folder)
-    words = SceneWords(
-        object=object_,
-        trajectory=trajectory,
-        unit=mesh_size.unit,
-        size_mm=mesh_size.size,
-        level=level,
-        hand=side,
-        rate=sampling.rate,
-        samples=sampling.samples,
-        place_object="recorded",
-        seed=seed,
-        free=free.words(),
-    )
-    loaded = load_words(words)
+    more = {"unit": mesh_size.unit, "size_mm": mesh_size.size, "level": level, "hand": side, "seed": seed}
+    loaded = load_words(scene_words(object_, trajectory, free, sampling, place_object="recorded", **more))
     free.check_motion(loaded.motions[0])
     scene = worded_scene(loaded)
     print_notes(import_remarks(scene.hands[0].trajectory, trajectory))

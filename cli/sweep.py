@@ -69,15 +69,15 @@ def command(*, plan: Path = argument("PLAN"), settings: SweepSettings, printing:
             rows = cell_rows(read, folder, ended.failed)
             write_atomically(folder.path / TABLE, Table(COLUMNS, rows).csv().encode())
     if settings.dry_run:
-        left = [planned for planned in read.cells if not folder.done(planned)]
+        left = [cell for digest, cell in read.cells.items() if not folder.done(digest, cell)]
         cells, done = len(read.cells), len(read.cells) - len(left)
-        ticks = sum(planned.run_ticks for planned in left)
+        ticks = sum(cell.length * cell.repeat for cell in left)
         printing.show(
             {"cells": cells, "done": done, "ticks": ticks},
             f"{counted(cells, 'cell')}: {done:,} done, {len(left):,} to run, {counted(ticks, 'tick')}",
         )
         return 0
-    failed = [(planned.cell, ended.failed[planned.digest]) for planned in read.cells if planned.digest in ended.failed]
+    failed = [(cell, ended.failed[digest]) for digest, cell in read.cells.items() if digest in ended.failed]
     printing.show(
         {
             "folder": str(folder.path),
@@ -107,7 +107,7 @@ def _figures(
     done = [row for row in rows if row["verdict"] != FAILED]
     if done:
         table = shown_table(done[:MOST_ROWS])
-        yield table, ("stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface")
+        yield table
         yield from (*table.notes, "")
     before = f", {ended.done_before:,} before" if ended.done_before else ""
     yield f"{counted(ended.cells, 'cell')}: {ended.run:,} done now{before}, {len(ended.failed):,} failed"

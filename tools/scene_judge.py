@@ -23,15 +23,12 @@ from hhsim.solver.options import Stiffness
 from hhsim.verify.contacts import (
     PALM,
     Pairs,
-    ball_places,
+    Pieces,
     joined,
     meetings,
     meetings_of_two,
     near_pairs,
-    near_triangle_pairs,
     parts_that_may_meet,
-    ready_triangles,
-    triangle_places,
 )
 from hhsim.verify.force_checks import balance, moment, with_meetings
 from hhsim.verify.free_object_checks import gyrated
@@ -330,11 +327,8 @@ def winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
 
 def near_body(own: OwnHand, here: Posed, body: Moved) -> Pairs:
     """Return the pairs of a hand, as a body sees it, and the body's triangles or spheres within `TOUCH`."""
-    fingers = np.ones(5, bool)
-    if body.spheres is not None:
-        return near_pairs(own, here, ball_places(*body.spheres), fingers, TOUCH)
-    triangles = body.solid.mesh.triangles
-    return near_triangle_pairs(own, here, ready_triangles(triangles), triangle_places(triangles), fingers, TOUCH)
+    pieces = Pieces.of_triangles(body.solid.mesh.triangles) if body.spheres is None else Pieces.of_balls(*body.spheres)
+    return near_pairs(own, here, pieces, np.ones(5, bool), TOUCH)
 
 
 def hand_distance(own: OwnHand, posed: Posed, body: Moved, look: IntArray) -> FloatArray:

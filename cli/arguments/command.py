@@ -11,18 +11,7 @@ from dataclasses import dataclass, fields
 from functools import wraps
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    ClassVar,
-    Literal,
-    NamedTuple,
-    Union,
-    dataclass_transform,
-    get_args,
-    get_origin,
-    get_type_hints,
-)
+from typing import Annotated, Any, ClassVar, Literal, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 import click
 from click.core import ParameterSource
@@ -54,7 +43,8 @@ class Number(click.FloatRange):
         return found
 
 
-class Declared(NamedTuple):
+@dataclass(frozen=True)
+class Declared:
     """An option or an argument before it has a name."""
 
     flags: tuple[str, ...]

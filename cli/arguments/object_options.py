@@ -56,8 +56,8 @@ class MeshFile(MeshSize):
 
     def words(self, tree: "TreeChoice") -> dict[str, Any]:
         """Return what the options say of the mesh and its tree, for `SceneWords`."""
-        of_mesh = {"unit": self.unit, "size_mm": self.size, "solid": self.solid}
-        return of_mesh | {"level": tree.stated(), "max_error": tree.max_error}
+        tree.check()
+        return {"unit": self.unit, "size_mm": self.size, "solid": self.solid, **tree.given()}
 
     def read(self, object_: str, link: str) -> tuple["Mesh", int]:
         """Load the mesh [m] of OBJECT, and its usual tree level, as `hhsim.linkage.file.resolve_object`."""
@@ -96,22 +96,21 @@ class TreeChoice(OptionGroup, heading="Sphere tree"):
         "Take the coarsest level whose spheres protrude by at most this: 0.3mm, 300um or 0.3 (mm).", "LENGTH"
     )
 
-    def stated(self) -> int | None:
-        """Return the level that was named; UsageError for options that contradict each other."""
+    def check(self) -> None:
+        """Raise UsageError for options that contradict each other."""
         if self.max_error is not None and self.level is not None:
             raise click.UsageError(f"--max-error chooses the level itself: leave --level {self.level} out")
-        return self.level
 
 
 class TreeOrFile(TreeChoice):
     """A tree that is built, or that of a file."""
 
-    path: Path | None = option(
-        "Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.", "FILE", "--tree"
+    tree: Path | None = option(
+        "Take this sphere tree of the object, .h5 or .sph (hhsim build-tree), and build none.", "FILE"
     )
 
-    def stated(self) -> int | None:
-        """See `TreeChoice.stated`; a file has its own level."""
-        if self.path is not None and (self.level is not None or self.max_error is not None):
-            raise click.UsageError(f"--tree {self.path} has its own level: leave --level and --max-error out")
-        return super().stated()
+    def check(self) -> None:
+        """See `TreeChoice.check`; a file has its own level."""
+        if self.tree is not None and (self.level is not None or self.max_error is not None):
+            raise click.UsageError(f"--tree {self.tree} has its own level: leave --level and --max-error out")
+        super().check()

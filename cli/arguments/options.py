@@ -135,8 +135,8 @@ HAND_FILE = option(
 )
 
 
-Part = Table | str | tuple[Table, Sequence[str]]
-"""What is printed: a table, one with `optional` headings as of `print_table`, or a sentence, "" for an empty line."""
+Part = Table | str
+"""What is printed: a table, or a sentence, "" for an empty line."""
 
 
 def show(document: Mapping[str, Any], *parts: Part, as_json: bool) -> None:
@@ -147,8 +147,6 @@ def show(document: Mapping[str, Any], *parts: Part, as_json: bool) -> None:
     for part in parts:
         if isinstance(part, str):
             print_line(part)
-        elif isinstance(part, tuple):
-            print_table(part[0], optional=part[1])
         else:
             print_table(part)
 

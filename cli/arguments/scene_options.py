@@ -1,7 +1,7 @@
 """Options of a scene besides its object: a free object, the motion, and the solver."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -14,7 +14,7 @@ from .object_options import completed_by
 from .options import ranged, refuse
 
 if TYPE_CHECKING:
-    from hhsim.scene.described_scene import FreeWords
+    from hhsim.scene.described_scene import FreeWords, SceneWords
     from hhsim.scene.motion_catalogue import Motion
 
 OWN_METHODS = "; ".join(f"{name}: {known.summary}" for name, known in METHODS.items())
@@ -85,6 +85,16 @@ class FreeChoice(OptionGroup, heading="Free object"):
         if getattr(motion, "object_motion", None) is not None:
             way_out = "hhsim replay --object-pose fixed keeps it where it is at first"
             raise click.UsageError(f"'{motion.name}' holds how its object moves, so it cannot be free: {way_out}")
+
+
+def scene_words(object_: str, trajectory: str, free: FreeChoice, moving: OptionGroup, **more: Any) -> "SceneWords":
+    """Return what the command line says of a scene: of a free object, the motion, and by the names of its words."""
+    from hhsim.scene.described_scene import SceneWords
+
+    said: dict[str, Any] = {"object": object_, "trajectory": trajectory, "free": free.words(), **more}
+    said |= {name: value for name, value in moving.given().items() if name in SceneWords.__struct_fields__}
+    paths = {name: str(value) for name, value in said.items() if isinstance(value, Path)}
+    return SceneWords(**said | paths)
 
 
 class Sampling(OptionGroup, heading="Motion"):

@@ -118,6 +118,9 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     battery = int(status["battery"])
     sample = int(status["sample_ns"])
     done, missed = int(status["ticks"]), int(status["missed"])
+    # The loop runs meanwhile: a sample may be newer than the reading of the clock.
+    age = 1e-6 * max(0, now_ns - sample)
+    since = f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"
     rows = [
         ("rate", f"{tally.rate:,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
         ("wake-up", _two(tally.wakeup)),
@@ -125,7 +128,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         ("contacts", f"{int(status['contacts']):,}"),
         ("force [N]", forces),
         ("fingers", f"free: {free}" if free else f"resisting: {', '.join(stiff)}" if stiff else "nothing to resist"),
-        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {_last_sample(sample, now_ns)}"),
+        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {since if sample > 0 else 'no sample yet'}"),
     ]
     if recording:
         lost = int(status["recorder_lost"])
@@ -138,14 +141,6 @@ def _two(values: Any) -> str:
     if values.count == 0:
         return NONE
     return f"p50 {1e-3 * values.percentile(50):,.0f} µs, p99 {1e-3 * values.percentile(99):,.0f} µs"
-
-
-def _last_sample(sample_ns: int, now_ns: int) -> str:
-    if sample_ns <= 0:
-        return "no sample yet"
-    # The loop runs meanwhile: a sample may be newer than the reading of the clock.
-    age = 1e-6 * max(0, now_ns - sample_ns)
-    return f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"
 
 
 @contextmanager

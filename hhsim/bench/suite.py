@@ -7,7 +7,7 @@ command says, the values of the settings, and the figures with their units.
 import hashlib
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -20,7 +20,7 @@ from hhsim import __version__
 from hhsim.bench.plan import Plan, read_plan
 from hhsim.errors import HhsimError
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.sweep.engines import Task, TaskEnd, check_own, has_format, locked, run_to_end
+from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, run_to_end
 from hhsim.sweep.input_files import file_digest, source_digest
 from hhsim.sweep.plan import DIGITS
 from hhsim.system.atomic_write import write_atomically
@@ -183,13 +183,6 @@ def _cells(suite: Suite) -> Sequence[Any]:
     return suite.cells(silent)
 
 
-def _digests(settings: Mapping[str, Any]) -> list[str]:
-    """Return the digests of the files that settings name."""
-    values = (value if isinstance(value, tuple) else (value,) for value in settings.values())
-    named = (Path(word) for words in values for word in words if isinstance(word, str))
-    return [file_digest(path) for path in named if path.is_file()]
-
-
 def run_tasks_of(
     suite: Suite, progress: Progress = silent, *, jobs: int = 1, scheduler: str = "", folder: Path | None = None
 ) -> list[list[Row]]:
@@ -203,16 +196,17 @@ def run_tasks_of(
     Raises HhsimError for a cell that could not be run, OutputError for a folder that is not writable, or is another's.
     """
     name, settings = type(suite).__module__, asdict(suite)
-    stated, digests = [name, settings, _digests(settings), __version__, source_digest()], []
+    values = (value if isinstance(value, tuple) else (value,) for value in settings.values())
+    named = (Path(word) for words in values for word in words if isinstance(word, str))
+    inputs = [file_digest(path) for path in named if path.is_file()]
+    stated, digests = [name, settings, inputs, __version__, source_digest()], []
     for place in range(len(_cells(suite))):
         text = json.dumps([*stated, place], sort_keys=True)
         digests.append(hashlib.sha256(text.encode()).hexdigest()[:DIGITS])
     with TemporaryDirectory() as scratch, ExitStack() as stack:
-        is_kept, folder = folder is not None, folder or Path(scratch)
-        if is_kept:
-            check_own(folder, has_format(folder / MARK, FORMAT), "bench")
-            stack.enter_context(locked(folder, folder, "bench"))
-            write_atomically(folder / MARK, json.dumps({"format": FORMAT, "suite": name}).encode())
+        if folder is not None:
+            stack.enter_context(TaskFolder(folder, "bench", MARK, FORMAT).locked(suite=name))
+        folder = folder or Path(scratch)
         files = [folder / f"{digest}.json" for digest in digests]
         left = [place for place, file in enumerate(files) if not file.is_file()]
         about: dict[str, Any] = {"folder": str(folder.resolve()), "sources": source_digest()}

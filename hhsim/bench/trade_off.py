@@ -8,7 +8,6 @@ repetitions counts. Errors are those of the first repetition; the others must gi
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -48,7 +47,6 @@ from hhsim.verify.mesh_distance import TrueSurface
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 NEAR = 1e-3
@@ -317,33 +315,42 @@ class Mark(NamedTuple):
     is_best: bool  # True if a line joins it to the others that none beats
 
 
-class Panels(NamedTuple):
-    """Panels by their titles, the colour and mark of each label of the legend, and the size of a panel [inches]."""
-
-    panels: dict[str, list[Mark]]
-    legend: dict[str, tuple[str, str]]
-    size: tuple[float, float]
-
-
 def draw_trade_off(path: Path, rows: Sequence[Row], note: str = "") -> None:
     """Write the picture of a table, with a note on the run in its legend; errors as `check_picture`, `save_figure`."""
+    from matplotlib.lines import Line2D
+
     check_picture(path)
-    trade_off = _trade_off(rows, note)
-    with _drawn(trade_off) as figure:
-        others = any(not row.get("ours", True) for row in rows)
+    panels, legend = _panels(rows)
+    if note:
+        legend[note] = style.LIMIT, ""
+    others = any(not row.get("ours", True) for row in rows)
+    (width, height), down = WIDE_PANEL if others else PANEL, -(-len(panels) // ACROSS)
+    columns = max(1, int(ACROSS * width / (style.SIGN + style.LETTER * max(map(len, legend), default=1))))
+    # The panels stand beside one another, below their legend.
+    whole = down * height + 0.2 * (len(legend) // columns + 1)
+    with style.new_figure(ACROSS * width, whole, "constrained") as figure:
+        grid = figure.subplots(down, ACROSS, squeeze=False).ravel()
+        for axes in grid[len(panels) :]:
+            axes.set_axis_off()
+        for axes, (title, marks) in zip(grid, panels.items()):
+            axes.set_title(title)
+            _draw_panel(axes, marks)
+        signs = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in legend.values()]
+        figure.legend(signs, list(legend), loc="outside upper left", ncols=columns, **style.LEGEND)
         caption = wrap(CAPTION + CAPTION_OF_OTHERS * others, int(figure.get_figwidth() / style.LETTER))
         figure.supxlabel("\n".join(caption), x=0.0, ha="left", color=style.SOFT, fontsize=style.TEXT)
         save_figure(figure, path)
 
 
-def _trade_off(rows: Sequence[Row], note: str) -> Panels:
-    """Return a panel for each object, and of `speed-error` one against the optimum."""
+def _panels(rows: Sequence[Row]) -> tuple[dict[str, list[Mark]], dict[str, tuple[str, str]]]:
+    """Return panels by their titles, for each object and of `speed-error` one against the optimum, and the legend.
+
+    The legend has the colour and the mark of each label.
+    """
     summed = [row for row in rows if row["motion"] == ALL and row.get("qp", OWN_QP) == OWN_QP]
     names = list(dict.fromkeys(row["object"] for row in summed if row["object"] != ALL))
     ours = [row for row in summed if row.get("ours", True)]
-    colors = {
-        name: style.run_style(number)[0] for number, name in enumerate(dict.fromkeys(row["method"] for row in ours))
-    }
+    colors = {name: style.run_style(i)[0] for i, name in enumerate(dict.fromkeys(row["method"] for row in ours))}
     foreign = dict.fromkeys(row["method"] for row in summed if row["method"] not in colors)
     engines = {name: (GREY, OTHERS[i % len(OTHERS)]) for i, name in enumerate(foreign)}
 
@@ -363,10 +370,7 @@ def _trade_off(rows: Sequence[Row], note: str) -> Panels:
         of_all = names[0] if len(names) == 1 else "all objects"
         panels[f"{of_all}: off the best pose [mm]"] = panel(ALL, "off_optimum_mean", "tracking_frontier")
     legend = {method: (color, "o") for method, color in colors.items()}
-    legend |= {label: (style.INK, shape) for label, shape in sorted(map(_touched, ours))} | engines
-    if note:
-        legend[note] = style.LIMIT, ""
-    return Panels(panels, legend, WIDE_PANEL if engines else PANEL)
+    return panels, legend | {label: (style.INK, shape) for label, shape in sorted(map(_touched, ours))} | engines
 
 
 def _touched(row: Row) -> tuple[str, str]:
@@ -379,26 +383,6 @@ def _touched(row: Row) -> tuple[str, str]:
 
 def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else np.nan
-
-
-@contextmanager
-def _drawn(trade_off: Panels) -> "Iterator[Figure]":
-    """Draw panels beside one another, below their legend."""
-    from matplotlib.lines import Line2D
-
-    labels, down, width = list(trade_off.legend), -(-len(trade_off.panels) // ACROSS), trade_off.size[0]
-    columns = max(1, int(ACROSS * width / (style.SIGN + style.LETTER * max(map(len, labels), default=1))))
-    height = down * trade_off.size[1] + 0.2 * (len(labels) // columns + 1)
-    with style.new_figure(ACROSS * width, height, "constrained") as figure:
-        grid = figure.subplots(down, ACROSS, squeeze=False).ravel()
-        for axes in grid[len(trade_off.panels) :]:
-            axes.set_axis_off()
-        for axes, (title, marks) in zip(grid, trade_off.panels.items()):
-            axes.set_title(title)
-            _draw_panel(axes, marks)
-        signs = [Line2D([], [], color=color, marker=mark, linewidth=1.2) for color, mark in trade_off.legend.values()]
-        figure.legend(signs, labels, loc="outside upper left", ncols=columns, **style.LEGEND)
-        yield figure
 
 
 def _draw_panel(axes: "Axes", marks: Sequence[Mark]) -> None:

@@ -38,19 +38,13 @@ DIGITS = 15
 """Significant digits of sums in the file; the tolerance of a comparison is far above."""
 
 
-class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=False, omit_defaults=True):
+class RecordedScene(Settings, frozen=True, kw_only=True, forbid_unknown_fields=False):
     """One scene of a baseline."""
 
     inputs: RunInputs
     digest: str = ""  # of poses and forces
     errors: dict[str, float | None]  # figures that the gate judges; None where undefined
     counters: dict[str, int]
-
-    @classmethod
-    def of(cls, figures: RunFigures) -> "RecordedScene":
-        """Return the scene of a run."""
-        errors = {name: value if math.isfinite(value) else None for name, value in figures.errors.items()}
-        return cls(inputs=figures.inputs, digest=figures.digest, errors=errors, counters=figures.counters)
 
     @property
     def figures(self) -> RunFigures:
@@ -70,13 +64,15 @@ class Baseline(Settings, frozen=True, forbid_unknown_fields=False):
     source: str = ""
 
 
-def write_baseline(path: Path, scenes: Mapping[str, RecordedScene]) -> None:
-    """Write a baseline; raise OutputError if the file cannot be written."""
+def write_baseline(path: Path, scenes: Mapping[str, RunFigures]) -> None:
+    """Write a baseline of the figures of scenes; raise OutputError if the file cannot be written."""
     # It is the same from any machine: what it was made on would only make noise in its history.
     head = {"format": FORMAT, "version": BASELINE_VERSION, "hhsim": __version__}
-    document = {**head, "scenes": msgspec.to_builtins(scenes)}
+    kept = RecordedScene.__struct_fields__
+    told = {name: {field: getattr(figures, field) for field in kept} for name, figures in scenes.items()}
+    document = {**head, "scenes": msgspec.to_builtins(told)}
     # Rounded, so that last bits make no differences in a history.
-    rounded = plain_json(document, lambda value: float(f"{value:.{DIGITS}g}"))
+    rounded = plain_json(document, lambda value: float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None)
     for scene in rounded["scenes"].values():
         scene["checksum"] = _checksum(scene)
     text = json.dumps(rounded, indent=1, ensure_ascii=False)
@@ -122,8 +118,8 @@ class GateReport:
     against: str  # base of the comparison, or ""
     rows: tuple[GateRow, ...]  # one for each figure
     notes: tuple[str, ...] = ()  # remarks, a sentence each
-    # Scenes of a baseline to write; empty where not every scene ran.
-    recorded: dict[str, RecordedScene] = field(default_factory=dict)
+    # Figures of scenes for a baseline to write; empty where not every scene ran.
+    recorded: dict[str, RunFigures] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
@@ -176,15 +172,17 @@ def gate_suite(
         timed: Judge times, by the base and by limits.
     """
     rows: list[GateRow] = []
-    recorded: dict[str, RecordedScene] = {}
+    recorded: dict[str, RunFigures] = {}
     count = len(suite.scenes)
     for i, scene in enumerate(suite.scenes):
 
         def step(what: str, i: int = i) -> None:
             progress(what, i, count)
 
-        record = _gate_scene(rows, suite, scene, head, base, baseline, step, timed=timed)
-        recorded |= {} if record is None else {scene.name: record}
+        try:
+            recorded[scene.name] = _gate_scene(rows, suite, scene, head, base, baseline, step, timed=timed)
+        except RunFailed as failed:
+            rows.append(verdicts.failed_run(scene.name, str(failed), refused=failed.refused))
     progress("done", count, count)
     against_words = [f"the baseline {baseline.source}"] if baseline else []
     against_words += [f"hhsim {base.version} of {base.python}"] if base else []
@@ -208,15 +206,11 @@ def _gate_scene(
     step: Step,
     *,
     timed: bool,
-) -> RecordedScene | None:
-    """Add the rows of a scene, and return its record for a baseline; None where it did not run every time."""
+) -> RunFigures:
+    """Add the rows of a scene, and return its figures; RunFailed where the head does not run every time."""
     name = scene.name
     step(f"{name}, head")
-    try:
-        figures = measured(scene, head, suite.folder, run_figures)
-    except RunFailed as failed:
-        rows.append(verdicts.failed_run(name, str(failed), refused=failed.refused))
-        return None
+    figures = measured(scene, head, suite.folder, run_figures)
     kept = None if baseline is None else baseline.scenes.get(name)
     before, why, new = None if kept is None else kept.figures, "", list[GateRow]()
     if baseline is not None and kept is None:
@@ -242,19 +236,18 @@ def _gate_scene(
     limits = scene.limits if timed else without_times(scene.limits)
     rows += [inputs_row(name, why, NOT_COMPARABLE)] if why else []
     rows += [*new, *verdicts.judge_run(name, figures, before, limits, scene.slack)]
-    record = RecordedScene.of(figures)
     if base is None or not (timed and scene.timed):
-        return record
+        return figures
     try:
         both = process_times(scene, suite.folder, head, base, suite.time.processes, step)
         rows.append(verdicts.judge_time(name, *both, suite.time.limit))
     except RunFailed as failed:
         # It ran once and does not run every time.
         if failed.side == head.name:
-            rows.append(verdicts.failed_run(name, str(failed)))
-            return None
+            failed.refused = False
+            raise
         rows.append(inputs_row(name, str(failed), NOT_COMPARABLE, "time"))
-    return record
+    return figures
 
 
 def gate_result(

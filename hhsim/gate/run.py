@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -94,11 +93,6 @@ def run_python(python: Path, code: str, arguments: Sequence[str], folder: Path) 
         check=False,
         env={**os.environ, "NO_COLOR": "1"},
     )
-
-
-def this_python() -> Path:
-    """Return the running interpreter."""
-    return Path(sys.executable)
 
 
 def process_times(

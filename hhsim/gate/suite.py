@@ -141,15 +141,10 @@ def default_suite_text() -> str:
 def parse_suite(text: str, folder: Path, source: str) -> GateSuite:
     """Parse a suite's TOML, with paths relative to `folder`; `source` is for messages. InputError as `load_suite`."""
     table = parse_settings(text, _SuiteTable, source)
-    usual = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, SLACK))
-    scenes = tuple(_completed(scene, table, **usual) for scene in table.scenes)
-    return GateSuite(**{**structs.asdict(table), **usual, "scenes": scenes}, folder=folder, source=source)
-
-
-def _completed(
-    scene: GateScene, table: _SuiteTable, limits: Mapping[str, float], slack: Mapping[str, float]
-) -> GateScene:
-    """Return a scene with the suite's limits and slack where it has none of its own."""
-    if scene.method not in METHODS:
-        limits = {name: limit for name, limit in OUTSIDE_DEFAULTS.items() if name not in table.limits} | dict(limits)
-    return structs.replace(scene, **scene.on_top_of(usual_limits(REPLAY, limits), slack))
+    usual, scenes = table.on_top_of(SESSION_DEFAULTS, dict.fromkeys(COUNTERS, SLACK)), []
+    for scene in table.scenes:
+        limits = dict(usual["limits"])
+        if scene.method not in METHODS:
+            limits = {name: limit for name, limit in OUTSIDE_DEFAULTS.items() if name not in table.limits} | limits
+        scenes.append(structs.replace(scene, **scene.on_top_of(usual_limits(REPLAY, limits), usual["slack"])))
+    return GateSuite(**{**structs.asdict(table), **usual, "scenes": tuple(scenes)}, folder=folder, source=source)

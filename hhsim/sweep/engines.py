@@ -22,7 +22,8 @@ from typing import Any
 from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.sweep.input_files import source_digest
 from hhsim.system import posix
-from hhsim.system.input_file import read_input_text
+from hhsim.system.atomic_write import write_atomically
+from hhsim.system.output_path import holds
 from hhsim.system.progress import Progress
 
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -72,42 +73,44 @@ class Task:
         raise NotImplementedError
 
 
-@contextlib.contextmanager
-def locked(path: Path, inner: Path, what: str) -> Iterator[None]:
-    """Make and lock a folder and one in it; OutputError if it is not writable, or another `what` works in it."""
-    try:
-        inner.mkdir(parents=True, exist_ok=True)
-        lock = os.open(path / LOCK, posix.CREATE_FLAGS, 0o644)
-    except OSError as error:
-        raise OutputError(f"cannot write in {path}: {error.strerror or error}") from error
-    try:
+class TaskFolder:
+    """Folder that tasks write in, of a `what` such as a sweep; it may not exist yet.
+
+    A JSON file, `mark`, of a format tells it from others. Raises OutputError where another file or folder is.
+    """
+
+    def __init__(self, path: Path, what: str, mark: str, form: str) -> None:
+        self.path, self.what, self.mark, self.form = path, what, path / mark, form
+        if path.exists() and not path.is_dir():
+            raise OutputError(f"{path} is a file, not a folder: name another with --out")
+        is_own = self.mark.is_file() and holds(f'"format": "{form}"'.encode())(self.mark)
+        if path.is_dir() and any(path.iterdir()) and not is_own:
+            raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
+
+    @contextlib.contextmanager
+    def locked(self, inner: str = "", **content: Any) -> Iterator[None]:
+        """Make the folder, and `inner` in it, lock it, and write the `content` of its mark.
+
+        Raises OutputError if it is not writable, or another one works in it.
+        """
         try:
-            posix.lock(lock)
-        except BlockingIOError:
-            raise OutputError(f"another {what} works in {path}: wait for it, or name another folder") from None
-        except OSError:
-            # A file system without locks: two runs do each other's work twice, and no harm.
-            pass
-        yield
-    finally:
-        os.close(lock)
-
-
-def check_own(path: Path, is_own: bool, what: str) -> None:
-    """Raise OutputError for a file, or a folder that is not empty and not its own, as that of a `what` is."""
-    if path.exists() and not path.is_dir():
-        raise OutputError(f"{path} is a file, not a folder: name another with --out")
-    if not is_own and path.is_dir() and any(path.iterdir()):
-        raise OutputError(f"{path} holds other files, and no {what}: name a new folder with --out")
-
-
-def has_format(path: Path, form: str) -> bool:
-    """Return True if a file is a JSON document of this format."""
-    try:
-        found = json.loads(read_input_text(path))
-    except (OSError, ValueError):
-        return False
-    return isinstance(found, dict) and found.get("format") == form
+            (self.path / inner).mkdir(parents=True, exist_ok=True)
+            lock = os.open(self.path / LOCK, posix.CREATE_FLAGS, 0o644)
+        except OSError as error:
+            raise OutputError(f"cannot write in {self.path}: {error.strerror or error}") from error
+        try:
+            try:
+                posix.lock(lock)
+            except BlockingIOError:
+                why = f"another {self.what} works in {self.path}: wait for it, or name another folder"
+                raise OutputError(why) from None
+            except OSError:
+                # A file system without locks: two runs do each other's work twice, and no harm.
+                pass
+            write_atomically(self.mark, f"{json.dumps({'format': self.form, **content}, indent=1)}\n".encode())
+            yield
+        finally:
+            os.close(lock)
 
 
 def error_line(error: Exception) -> str:
@@ -244,21 +247,18 @@ def run_on_dask(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[T
     Raises InputError without Dask, or a scheduler at that address.
     """
     require_dask()
-    from distributed import Client, LocalCluster
+    from distributed import Client
 
-    if scheduler != LOCAL:
-        try:
-            client = Client(scheduler, timeout=PATIENCE)
-        except (OSError, ValueError, TypeError) as error:
-            why = " ".join(str(error).split()) or type(error).__name__
-            raise InputError(f"no Dask scheduler at {scheduler}: {why}; dask scheduler starts one") from None
-        with client:
-            yield from run_with_client(client, tasks)
-        return
-    with (
-        LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster) as client,
-    ):
+    how: dict[str, Any] = {"address": scheduler, "timeout": PATIENCE}
+    if scheduler == LOCAL:
+        # A client without an address starts a cluster of its own, and ends it.
+        how = {"n_workers": jobs, "threads_per_worker": 1, "dashboard_address": None}
+    try:
+        client = Client(**how)
+    except (OSError, ValueError, TypeError) as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"no Dask scheduler at {scheduler}: {why}; dask scheduler starts one") from None
+    with client:
         yield from run_with_client(client, tasks)
 
 

@@ -21,12 +21,12 @@ from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
 from hhsim.replay.run_inputs import USUAL_SCENE
-from hhsim.scene.described_scene import SceneWords
+from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
 from hhsim.solver.method import SURFACES, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.sweep.input_files import file_digest, source_digest
+from hhsim.sweep.input_files import ReadFile, file_digest, read_files, source_digest
 from hhsim.system.counted import counted
 from hhsim.system.settings_file import Settings, Version, a_list, between, parse_settings, read_toml_text, typed
 
@@ -76,6 +76,8 @@ class Cell:
     # Number of runs. The last one is kept, with the mean and the deviation of all their times. No part of the digest,
     # since it changes only times.
     repeat: int = 1
+    folder: Path = field(default=Path(), compare=False)  # folder that its files are relative to
+    length: int = field(default=0, compare=False)  # number of ticks of one run
 
     @property
     def label(self) -> str:
@@ -93,7 +95,7 @@ class Cell:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Files that it reads, relative to the plan's folder."""
+        """Files that it reads, as the plan names them."""
         shape = [self.object.word] if names_a_file(self.object.word) else []
         motion = [self.motion.word] if self.motion.word not in trajectory_names() else []
         hand = [self.options["hand_file"]] if self.options.get("hand_file") is not None else []
@@ -111,11 +113,22 @@ class Cell:
         stated = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         return typed({**names, **shape, **stated, "ticks": self.ticks, "seed": self.seed}, SceneWords, self.label)
 
-    def digest(self, folder: Path) -> str:
-        """Return a digest of inputs (by the plan's folder), options and hhsim's sources; InputError if unreadable."""
+    def read_files(self) -> tuple[ReadFile, ...]:
+        """Return the files that it reads, as they are now; InputError if one cannot be read."""
+        return tuple(read for word in self.files for read in read_files(self.folder / word))
+
+    def load(self) -> LoadedWords:
+        """Load its motion and bodies; HhsimError as `hhsim.scene.described_scene.load_words`."""
+        words = self.words()
+        stated = {name: getattr(words, name) for name in ("object", "trajectory", "hand_file")}
+        own = {name: str(self.folder / word) for name, word in stated.items() if word in self.files}
+        return load_words(structs.replace(words, **own), surface=self.surface)
+
+    def digest(self) -> str:
+        """Return a digest of inputs, options and hhsim's sources; InputError if a file is unreadable."""
         shape = self.object
         hand = self.options.get("hand_file")
-        files = {word: file_digest(folder / word) for word in self.files}
+        files = {word: file_digest(self.folder / word) for word in self.files}
         # Of those of the scene only what is not a default: stating one makes no other cell.
         usual = {**USUAL_SCENE, "level": usual_level(shape.word), "hand_file": hand}
         scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
@@ -155,27 +168,13 @@ class _PlanTable(Settings, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class PlannedCell:
-    """Cell, its digest, and its number of ticks."""
-
-    cell: Cell
-    digest: str
-    ticks: int
-
-    @property
-    def run_ticks(self) -> int:
-        """Number of ticks of all its runs."""
-        return self.ticks * self.cell.repeat
-
-
-@dataclass(frozen=True)
 class SweepPlan:
     """Plan with its cells."""
 
     name: str
     folder: Path  # the plan's folder; its files are relative to it
     text: str
-    cells: tuple[PlannedCell, ...]
+    cells: Mapping[str, Cell]  # by their digests
     notes: tuple[str, ...] = ()  # sentences about combinations that are left out or the same, and about recordings
 
 
@@ -202,7 +201,7 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if words.hand_file is not None:
             _require_file(f"{where}: options.{called}", folder, words.hand_file)
     left_out: Counter[str] = Counter()
-    cells: dict[str, PlannedCell] = {}
+    cells: dict[str, Cell] = {}
     durations = {motion.word: _Motion.read(folder, motion) for motion in motions}
     checked: set[tuple[str, str, str]] = set()
     for shape, motion, method, surface, (called, given), seed in product(
@@ -212,31 +211,30 @@ def parse_plan(text: str, name: str, folder: Path, where: str) -> SweepPlan:
         if why:
             left_out[why] += 1
             continue
-        cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat)
+        ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
+        cell = Cell(shape, motion, method, surface, called, given, seed, plan.ticks, plan.repeat, folder, ticks)
         if (method, surface, called) not in checked:
             with named(f"{where}, [options.{called}], {method}"):
                 cell.solver_options()
             checked.add((method, surface, called))
-        ticks = durations[motion.word].ticks(given.get("rate", 1000.0), plan.ticks)
-        planned = PlannedCell(cell, cell.digest(folder), ticks)
-        same = cells.setdefault(planned.digest, planned).cell
+        digest = cell.digest()
+        same = cells.setdefault(digest, cell)
         if same is not cell:
             names = same.options_name.split(BOTH)
             if called in names or replace(same, options_name=called, options=given) != cell:
                 raise InputError(f"{where}: two cells are the same: {same.label}; {cell.label}")
-            both = replace(same, options_name=BOTH.join((same.options_name, called)))
-            cells[planned.digest] = replace(planned, cell=both)
+            cells[digest] = replace(same, options_name=BOTH.join((same.options_name, called)))
     if not cells:
         raise InputError(f"{where}: no cell is left: {'; '.join(left_out)}")
     notes = [f"{count:,} cell{'s' * (count > 1)} left out: {why}" for why, count in left_out.items()]
-    shared = Counter((cell.object.name, cell.options_name) for cell in (planned.cell for planned in cells.values()))
+    shared = Counter((cell.object.name, cell.options_name) for cell in cells.values())
     notes += [
         f"{shape}: {counted(count, 'cell')} computed once and called {names}: there these options come to the same"
         for (shape, names), count in shared.items()
         if BOTH in names
     ]
     notes += [f"{motion.name}: {remark}" for motion in motions for remark in durations[motion.word].remarks]
-    return SweepPlan(plan.name or name, folder, text, tuple(cells.values()), tuple(notes))
+    return SweepPlan(plan.name or name, folder, text, cells, tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.field.field_table import field_metrics
 from hhsim.repair.request import Repair
-from hhsim.sweep.engines import Task, TaskEnd, check_own, error_line, has_format, locked, require_dask, run_to_end
+from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, error_line, require_dask, run_to_end
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, file_digest, read_files, source_digest
 from hhsim.sweep.plan import DIGITS
 from hhsim.sweep.repair_manifest import OUTCOME, PlannedRepair, load_manifest
@@ -173,14 +173,6 @@ def write_outcome(folder: Path, outcome: RowOutcome) -> None:
     write_atomically(folder / OUTCOME, f"{text}\n".encode())
 
 
-def keep_lost(task: RowTask, reason: str) -> None:
-    """Write the outcome of a row whose worker left none; OutputError if that fails."""
-    folder = task.row.request.out.parent
-    _empty(folder)
-    reason = f"{reason}; its time_limit is {task.row.time_limit:,g} s"
-    write_outcome(folder, RowOutcome(digest=task.digest, state="failed", reason=reason, is_final=False))
-
-
 def _empty(folder: Path) -> None:
     """Make a folder, and remove what is in it."""
     folder.mkdir(exist_ok=True)
@@ -286,7 +278,7 @@ def run_manifest(
     """
     if scheduler:
         require_dask()
-    check_own(out, has_format(out / MARK, FORMAT), "repairs")
+    folder = TaskFolder(out, "repair", MARK, FORMAT)
     text, rows = load_manifest(path, out, pictures=pictures)
     about: dict[str, Any] = {"folder": str(out.resolve()), "repair": repair, "sources": source_digest()}
     planned = {row_digest(row): row for row in rows}
@@ -294,11 +286,14 @@ def run_manifest(
 
     def on_end(end: TaskEnd) -> None:
         if end.reason:
-            keep_lost(tasks[end.digest], end.reason)
+            # The worker left no outcome.
+            row = tasks[end.digest].row
+            reason = f"{end.reason}; its time_limit is {row.time_limit:,g} s"
+            _empty(row.request.out.parent)
+            lost = RowOutcome(digest=end.digest, state="failed", reason=reason, is_final=False)
+            write_outcome(row.request.out.parent, lost)
 
-    with locked(out, out, "repair"):
-        content = {"format": FORMAT, "version": 1, "manifest": text}
-        write_atomically(out / MARK, f"{json.dumps(content, indent=1)}\n".encode())
+    with folder.locked(version=1, manifest=text):
         left = [task for digest, task in tasks.items() if not finished(task.row, digest)]
         jobs = workers or max(1, len(physical_cores()))
         run_to_end(left, "recordings", on_end, progress, scheduler=scheduler, jobs=jobs, done=len(tasks) - len(left))

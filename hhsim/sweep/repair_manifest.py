@@ -1,25 +1,4 @@
-"""Manifest of repairs: a TOML file of recordings and patterns.
-
-Of the keys of a recording the first two are required::
-
-    version = 1
-    [defaults]                              # keys of every recording that does not state them
-    mano_model = "MANO_RIGHT.pkl"
-    [[recording]]
-    recording = "seqs/{object}_*.npz"       # {object} matches as * does, and is known by that name to the other keys
-    object = "meshes/{object}.obj"          # a mesh file, a name of the catalogue, or a body's TOML
-    poses = "poses/{stem}.npy"              # {stem}: name of the recording's file without suffix; {folder}: its folder
-    name = "{folder}-{stem}"                # of the folder of what is written; default: {stem}
-    hand = "right"
-    unit = "mm"                             # of the mesh file; or size_mm, its largest extent
-    max_correction_mm = 15.0
-    palm = "fitted"
-    time_limit = 3600.0                     # of the repair of one recording [s]
-
-Further keys say how a file is read, by the names of the options of `hhsim import`: format, columns, rate, length_unit,
-world_up, mirror, array, joint_order, pose_order, pose_unit, mano_pose, profile, episode. Files are relative to the
-manifest's folder.
-"""
+"""Manifest of repairs: a TOML file of recordings and patterns, whose keys docs/repair.md lists."""
 
 import os
 import re

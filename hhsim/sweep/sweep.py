@@ -12,27 +12,23 @@ import math
 import time
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeAlias
 
-from msgspec import structs
-
 from hhsim.errors import HhsimError, InputError
-from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary, digits_with, repeated_document
 from hhsim.result.writer import add_document
-from hhsim.scene.described_scene import LoadedWords, described_scene, load_words
-from hhsim.scene.motion_catalogue import trajectory_names
+from hhsim.scene.described_scene import described_scene
 from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import warm_up
-from hhsim.sweep.engines import Task, TaskEnd, check_own, has_format, locked, require_dask, run_to_end
-from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, read_files, source_digest
-from hhsim.sweep.plan import OF_THE_SCENE, Cell, PlannedCell, SweepPlan
+from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, require_dask, run_to_end
+from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, source_digest
+from hhsim.sweep.plan import OF_THE_SCENE, Cell, SweepPlan
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import read_input_text
@@ -48,56 +44,49 @@ PARTIAL = ".partial.h5"
 """Suffix of a result that is being written, in a name that begins with a point."""
 
 
-class SweepFolder:
-    """Folder of a sweep, which may not exist yet; OutputError where another file or folder is."""
+class SweepFolder(TaskFolder):
+    """Folder of a sweep."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path, "sweep", MARK, FORMAT)
         self.cells = path / CELLS
-        check_own(path, has_format(path / MARK, FORMAT), "sweep")
 
     @contextlib.contextmanager
     def taken(self, plan: SweepPlan) -> Iterator[None]:
         """Make and lock the folder and remove unfinished files; OutputError if it is not writable, or locked."""
-        with locked(self.path, self.cells, "sweep"):
+        with self.locked(CELLS, version=VERSION, name=plan.name, plan=plan.text):
             try:
-                content = {"format": FORMAT, "version": VERSION, "name": plan.name, "plan": plan.text}
-                write_atomically(self.path / MARK, (json.dumps(content, indent=1) + "\n").encode())
                 self._clean()
                 yield
             finally:
                 with contextlib.suppress(OSError):
                     self._clean()
 
-    def done(self, planned: PlannedCell, with_result: bool = False) -> bool:
+    def done(self, digest: str, cell: Cell, with_result: bool = False) -> bool:
         """Return True if a cell is done as often as planned, with its result if wanted; rename it in its row."""
-        path, row = self.row_path(planned), self.row(planned)
+        row = self.row(digest)
         result = row.get("result")
         if not row or (with_result and not result):
             return False
         if result and content_digest(self.cells / result) != row.get("result_sha256"):
             return False
-        if row.get("repeated", {}).get("runs", 1) < planned.cell.repeat:
+        if row.get("repeated", {}).get("runs", 1) < cell.repeat:
             return False
-        if row["cell"] != _named(planned.cell):
-            write_row(path, planned.cell, planned.digest, row)
+        if row["cell"] != _named(cell):
+            write_row(self.cells, cell, digest, row)
         return True
 
-    def row(self, planned: PlannedCell) -> dict[str, Any]:
+    def row(self, digest: str) -> dict[str, Any]:
         """Return the row of a cell that was run, however often; {} for any other, and one not as it was written."""
         try:
-            found = json.loads(read_input_text(self.row_path(planned)))
+            found = json.loads(read_input_text(self.cells / f"{digest}.json"))
         except (OSError, ValueError, InputError):
             return {}
-        wanted = {"format": ROW_FORMAT, "version": VERSION, "digest": planned.digest}
+        wanted = {"format": ROW_FORMAT, "version": VERSION, "digest": digest}
         is_whole = (
             isinstance(found, dict) and wanted.items() <= found.items() and found.get("sha256") == _row_digest(found)
         )
         return found if is_whole else {}
-
-    def row_path(self, planned: PlannedCell) -> Path:
-        """Return the path of a cell's row."""
-        return self.cells / f"{planned.digest}.json"
 
     def _clean(self) -> None:
         for pattern in (f".*{PARTIAL}", ".*.tmp"):
@@ -114,11 +103,11 @@ def content_digest(path: Path) -> str:
         return ""
 
 
-def write_row(path: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
-    """Write the row of a cell in one step, null for NaN and infinity; OutputError if it cannot be."""
+def write_row(folder: Path, cell: Cell, digest: str, content: Mapping[str, Any]) -> None:
+    """Write the row of a cell in a folder in one step, null for NaN and infinity; OutputError if it cannot be."""
     row = plain_json({**content, "format": ROW_FORMAT, "version": VERSION, "digest": digest, "cell": _named(cell)})
-    sealed = {**row, "sha256": _row_digest(row)}
-    write_atomically(path, (json.dumps(sealed, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    text = json.dumps({**row, "sha256": _row_digest(row)}, indent=1, sort_keys=True, allow_nan=False)
+    write_atomically(folder / f"{digest}.json", f"{text}\n".encode())
 
 
 def _row_digest(row: Mapping[str, Any]) -> str:
@@ -145,21 +134,20 @@ class CellTask(Task):
     """Cell of a sweep, in its folder."""
 
     cell: Cell
-    plan_folder: str  # absolute folder that the plan's files are relative to
     keeps_result: bool = True  # True if the result is kept, not the row alone
     wants_core: bool = True  # True if it waits for a core of its own
 
     def work(self) -> TaskEnd:
         """Run the cell and write its files, the row last: a cell is done when its row is there."""
         began = time.perf_counter()
-        cell, folder, plan_folder = self.cell, Path(self.folder), Path(self.plan_folder)
+        cell, folder = self.cell, Path(self.folder)
         partial = folder / f".{self.digest}-{uuid.uuid4().hex[:8]}{PARTIAL}"
-        files = cell_files(cell, plan_folder)
-        if cell.digest(plan_folder) != self.digest:
+        files = cell.read_files()
+        if cell.digest() != self.digest:
             raise LostFileError(CHANGED)
         of_scene = {name: value for name, value in cell.options.items() if name in (*OF_THE_SCENE, "fingers")}
         what = [cell.object, cell.motion, cell.surface == "mesh", of_scene, cell.seed, cell.ticks]
-        scene = _scene(_SceneKey(repr(what), files, cell), plan_folder)
+        scene = _scene(_SceneKey(repr(what), files, cell))
 
         def run() -> list[ReplaySummary]:
             return [replay_scene(scene, cell.solver_options(), partial) for _ in range(cell.repeat)]
@@ -195,7 +183,7 @@ class CellTask(Task):
             "summary": summary.attributes(),
             "notes": list(summary.notes),
         }
-        write_row(folder / f"{self.digest}.json", cell, self.digest, row)
+        write_row(folder, cell, self.digest, row)
         return TaskEnd(self.digest, ticks=sum(summary.ticks for summary in runs))
 
 
@@ -210,30 +198,16 @@ class _SceneKey:
 
 # To place an object for a recording takes longer than most replays: the methods of a scene share it.
 @lru_cache(2)
-def _scene(key: _SceneKey, plan_folder: Path) -> Scene:
+def _scene(key: _SceneKey) -> Scene:
     cell = key.cell
     try:
-        loaded = load_cell(cell, plan_folder)
+        loaded = cell.load()
         bodies, _ = loaded.grown()
         return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
     finally:
         # What is raised here is not kept as the scene of these files.
-        if cell_files(cell, plan_folder) != key.files:
+        if cell.read_files() != key.files:
             raise LostFileError(CHANGED)
-
-
-def cell_files(cell: Cell, plan_folder: Path) -> tuple[ReadFile, ...]:
-    """Return the files that a cell reads, as they are now; InputError if one cannot be read."""
-    return tuple(read for word in cell.files for read in read_files(plan_folder / word))
-
-
-def load_cell(cell: Cell, plan_folder: Path) -> LoadedWords:
-    """Load the motion and the bodies of a cell; HhsimError as `hhsim.scene.described_scene.load_words`."""
-    words = cell.words()
-    files = {"object": names_a_file(words.object), "trajectory": words.trajectory not in trajectory_names()}
-    files["hand_file"] = words.hand_file is not None
-    own = {name: str(plan_folder / getattr(words, name)) for name, is_file in files.items() if is_file}
-    return load_words(structs.replace(words, **own), surface=cell.surface)
 
 
 @dataclass(frozen=True)
@@ -274,20 +248,20 @@ def run_sweep(
     cores = len(physical_cores())
     workers = jobs or max(1, cores)
     with folder.taken(plan):
-        waiting = {planned.digest: planned for planned in plan.cells if not folder.done(planned, keep_results)}
+        waiting = {of: cell for of, cell in plan.cells.items() if not folder.done(of, cell, keep_results)}
         began, ticks, failed = perf_counter(), 0, dict[str, str]()
         before = len(plan.cells) - len(waiting)
         if waiting:
-            prepare(plan, list(waiting.values()), progress)
+            prepare(list(waiting.values()), progress)
             about: dict[str, Any] = {
-                "plan_folder": str(plan.folder.resolve()),
                 "folder": str(folder.cells.resolve()),
                 "keeps_result": keep_results,
                 # More processes than cores cannot have one each; a cluster's workers wait for one.
                 "wants_core": bool(scheduler) or workers <= cores,
                 "sources": source_digest(),
             }
-            tasks = [CellTask(cell=planned.cell, digest=digest, **about) for digest, planned in waiting.items()]
+            root = plan.folder.resolve()
+            tasks = [CellTask(cell=replace(cell, folder=root), digest=of, **about) for of, cell in waiting.items()]
 
             def on_end(end: TaskEnd) -> None:
                 nonlocal ticks
@@ -298,18 +272,18 @@ def run_sweep(
     return SweepSummary(len(plan.cells), len(waiting) - len(failed), before, failed, ticks, perf_counter() - began)
 
 
-def prepare(plan: SweepPlan, cells: Sequence[PlannedCell], progress: Progress = silent) -> None:
+def prepare(cells: Sequence[Cell], progress: Progress = silent) -> None:
     """Compile kernels and build trees before several processes would do so at once; errors are left to the cells."""
-    kinds = {(planned.cell.method, planned.cell.surface): planned.cell for planned in cells}
+    kinds = {(cell.method, cell.surface): cell for cell in cells}
     shapes = {
-        (c.object, c.surface == "mesh", c.options.get("level"), c.options.get("max_error")): c
-        for c in (planned.cell for planned in cells)
+        (cell.object, cell.surface == "mesh", cell.options.get("level"), cell.options.get("max_error")): cell
+        for cell in cells
     }
     total = len(kinds) + len(shapes)
     for place, cell in enumerate([*kinds.values(), *shapes.values()]):
         progress("getting ready", place, total)
         try:
-            loaded = load_cell(cell, plan.folder)
+            loaded = cell.load()
             if place < len(kinds):
                 warm_up(loaded.hands[0], cell.solver_options())
             else:
@@ -343,20 +317,19 @@ COLUMNS: tuple[Column, ...] = (
 def cell_rows(plan: SweepPlan, folder: SweepFolder, failed: Mapping[str, str]) -> list[CellRow]:
     """Return the rows of the cells that are done or have `failed` (reasons by digest), in the order of the plan."""
     rows = []
-    for planned in plan.cells:
-        if reason := failed.get(planned.digest):
-            rows.append(failed_row(planned.cell, reason))
-        elif row := folder.row(planned):
-            rows.append(done_row(planned.cell, row))
+    for digest, cell in plan.cells.items():
+        if reason := failed.get(digest):
+            rows.append(failed_row(cell, reason))
+        elif row := folder.row(digest):
+            rows.append(done_row(cell, row))
     return rows
 
 
 def failed_row(cell: Cell, reason: str) -> CellRow:
     """Return the row of a cell without a result."""
     options = f"{cell.options_name}: {cell.stated}" if cell.stated else cell.options_name
-    names = {"object": cell.object.name, "motion": cell.motion.name, "method": cell.method, "surface": cell.surface}
-    about = {"options": options, "seed": cell.seed, "machine": "", "verdict": FAILED, "runs": 1, "reason": reason}
-    return {**dict.fromkeys(column.name for column in COLUMNS), **names, **about, "times_comparable": False}
+    about = {"options": options, "machine": "", "verdict": FAILED, "runs": 1, "reason": reason}
+    return {**dict.fromkeys(column.name for column in COLUMNS), **_named(cell), **about, "times_comparable": False}
 
 
 def done_row(cell: Cell, row: Mapping[str, Any]) -> CellRow:
@@ -389,7 +362,8 @@ def shown_table(rows: Sequence[CellRow]) -> Table:
         number("p99", lambda row: _time(row, "tick_cpu_p99"), "µs"),
     )
     alone = all(row["times_comparable"] for row in rows if row["verdict"] != FAILED)
-    return Table(columns, rows, notes=() if alone else (NOTE,))
+    optional = "stuck", "over optimum [%]", "force [N]", "p99 [µs]", "surface"
+    return Table(columns, rows, notes=() if alone else (NOTE,), optional=optional)
 
 
 def _time(row: CellRow, name: str) -> str:

@@ -9,13 +9,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
-from hhsim.errors import InputError, OutputError
+from hhsim.errors import OutputError
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import write_together
-from hhsim.system.input_file import read_input_text
-from hhsim.system.output_path import check_output_path
+from hhsim.system.output_path import check_output_path, holds
 from hhsim.system.plain_json import plain_json
 from hhsim.table.table import Column, Table, stored_unit
 
@@ -23,13 +22,6 @@ FORMAT, VERSION = "hhsim-bench", 1
 SUFFIX = ".json"
 ALL = "all"
 """Object or motion of a row that sums up."""
-
-Row: TypeAlias = Mapping[str, Any]
-
-
-def csv_path(output_path: Path) -> Path:
-    """Return the path of the CSV file beside the JSON file of a table."""
-    return output_path.with_suffix(".csv")
 
 
 def check_table_path(output_path: Path) -> None:
@@ -41,12 +33,12 @@ def check_table_path(output_path: Path) -> None:
     if output_path.suffix != SUFFIX:
         raise OutputError(f"{output_path} must end in {SUFFIX}: the CSV file of the same name goes beside it")
     kind = "table of hhsim bench"
-    check_output_path(output_path, kind, is_table)
-    check_output_path(csv_path(output_path), kind, lambda _: output_path.exists())
+    check_output_path(output_path, kind, holds(f'"format": "{FORMAT}"'.encode()))
+    check_output_path(output_path.with_suffix(".csv"), kind, lambda _: output_path.exists())
 
 
 def write_table(
-    output_path: Path, suite: str, columns: Sequence[Column], rows: Sequence[Row], options: Mapping[str, Any]
+    output_path: Path, suite: str, columns: Sequence[Column], rows: Sequence[Any], options: Mapping[str, Any]
 ) -> None:
     """Write a table as `output_path` (.json) and as CSV beside it, both or none.
 
@@ -70,19 +62,4 @@ def write_table(
     text = json.dumps(
         plain_json(document), indent=1, allow_nan=False, ensure_ascii=False, default=lambda one: one.item()
     )
-    write_together({csv_path(output_path): table.csv().encode(), output_path: f"{text}\n".encode()})
-
-
-def table_document(path: Path, columns: Sequence[Column], options: Mapping[str, Any], **more: object) -> dict[str, Any]:
-    """Return paths, options and units of a table for JSON; `more` stands after the paths."""
-    units = {column.name: stored_unit(column.unit) for column in columns}
-    return {"table": str(path), "csv": str(csv_path(path)), **more, "options": options, "units": units}
-
-
-def is_table(path: Path) -> bool:
-    """Return True for a table of `hhsim bench`; False for any other file, or one that cannot be read."""
-    try:
-        found = json.loads(read_input_text(path)) if path.suffix == SUFFIX else None
-    except (InputError, OSError, ValueError):
-        return False
-    return isinstance(found, dict) and found.get("format") == FORMAT
+    write_together({output_path.with_suffix(".csv"): table.csv().encode(), output_path: f"{text}\n".encode()})

@@ -6,8 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhsim.table.table import Table
-
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -21,11 +19,6 @@ NO_TEXT = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\uff
 def render(template: str, **values: Any) -> str:
     """Return the page of a template under hhsim/, such as "report/report.html", with its values by their names."""
     return environment().get_template(template).render(values)
-
-
-def table_html(table: Table) -> str:
-    """Return a table as HTML, in a box that scrolls where it is too wide."""
-    return str(environment().get_template("table/parts.html").module.table(table))  # type: ignore[attr-defined]
 
 
 @cache

@@ -125,12 +125,16 @@ def number(
 
 @dataclass(frozen=True)
 class Table:
-    """Columns, rows that they take their values of, a title above it, and notes, a sentence each."""
+    """Columns, rows that they take their values of, a title above it, and notes, a sentence each.
+
+    `optional` are headings of columns that a narrow terminal leaves out, the first to go first.
+    """
 
     columns: Sequence[Column]
     rows: Sequence[Any]
     title: str = ""
     notes: Sequence[str] = ()
+    optional: Sequence[str] = ()
 
     @classmethod
     def of_cells(

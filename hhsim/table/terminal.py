@@ -41,12 +41,12 @@ class LaidColumn:
         return max(1, min(LONGEST_WORD, max(map(len, words), default=0)))
 
 
-def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = ()) -> str:
+def terminal_text(table: Table, *, in_terminal: bool) -> str:
     """Return a table as a terminal shows it; without any heading it has no rule either.
 
-    Its title is a line above it; its notes are left out. Where it is too wide, optional columns go, named by their
-    headings, the first to go first; then text is folded at words; where a row would have many lines, each row becomes a
-    card. Lines are as wide as the terminal allows, or as long as they need to be outside of one.
+    Its title is a line above it; its notes are left out. Where it is too wide, optional columns go; then text is folded
+    at words; where a row would have many lines, each row becomes a card. Lines are as wide as the terminal allows, or
+    as long as they need to be outside of one.
     """
     from rich import box
     from rich.console import Console
@@ -60,7 +60,7 @@ def terminal_text(table: Table, *, in_terminal: bool, optional: Sequence[str] = 
         LaidColumn(plain_text(column.heading), [row[i] for row in rows], column.is_number)
         for i, column in enumerate(table.columns)
     ]
-    for thin in optional if in_terminal else ():
+    for thin in table.optional if in_terminal else ():
         if not fits(columns, console.width):
             columns = [column for column in columns if column.heading != thin]
     with console.capture() as captured:

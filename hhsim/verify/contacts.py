@@ -61,12 +61,33 @@ class Pairs(NamedTuple):
         return found
 
 
-class Places(NamedTuple):
-    """Balls around the pieces of a surface, and k-d trees of the centres, one for balls of like radius."""
+class Pieces(NamedTuple):
+    """Pieces of a surface: leaf spheres, or triangles with the balls around them, and k-d trees of the centres.
+
+    Balls of like radius have a tree of their own.
+    """
 
     trees: list[tuple[Any, IntArray, float]]  # scipy's k-d tree, the pieces in it, their largest radius [m]
     center: FloatArray  # [m] (L, 3)
     radius: FloatArray  # [m] (L,)
+    triangles: "ReadyTriangles | None" = None  # None for leaf spheres
+
+    @classmethod
+    def of_balls(cls, center: FloatArray, radius: FloatArray) -> "Pieces":
+        """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
+        from scipy.spatial import cKDTree
+
+        # The spheres of a tree fill the object: a few of them are a hundred times as large as most.
+        octave = np.frexp(radius)[1]
+        classes = [np.flatnonzero(octave == some) for some in np.unique(octave)]
+        return cls([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
+
+    @classmethod
+    def of_triangles(cls, corners: FloatArray) -> "Pieces":
+        """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
+        middle = corners.mean(axis=1)
+        balls = cls.of_balls(middle, np.linalg.norm(corners - middle[:, None], axis=2).max(axis=1))
+        return balls._replace(triangles=ready_triangles(corners))
 
     def within(self, points: FloatArray, reach: FloatArray) -> tuple[IntArray, IntArray]:
         """Return indices of points [m], world, (N, 3), and of pieces whose balls may be within `reach` [m] (N,)."""
@@ -80,6 +101,11 @@ class Places(NamedTuple):
             rows.append(np.repeat(close, [len(some) for some in found]))
             pieces.append(members[np.fromiter(itertools.chain.from_iterable(found), np.int64, len(rows[-1]))])
         return np.concatenate(rows), np.concatenate(pieces)
+
+    def away(self, faces: IntArray, points: FloatArray) -> FloatArray:
+        """Vectors to points [m], world, (N, 3), from the nearest points of their triangles, shape (3, N)."""
+        assert self.triangles is not None
+        return away_from_triangles(self.triangles.at(faces), points.T)
 
     def nearest(self, points: FloatArray) -> IntArray:
         """Return for each point [m], world, (N, 3), the piece of each tree whose centre is nearest, shape (N, C)."""
@@ -97,16 +123,6 @@ class Places(NamedTuple):
 def _clipped(points: FloatArray) -> FloatArray:
     # A k-d tree takes no points whose squares overflow.
     return np.clip(np.nan_to_num(points), -FARTHEST, FARTHEST)
-
-
-def ball_places(center: FloatArray, radius: FloatArray) -> Places:
-    """Sort balls by their places; centres (L, 3), radii (L,) [m]."""
-    from scipy.spatial import cKDTree
-
-    # The spheres of a tree fill the object: a few of them are a hundred times as large as most.
-    octave = np.frexp(radius)[1]
-    classes = [np.flatnonzero(octave == some) for some in np.unique(octave)]
-    return Places([(cKDTree(center[some]), some, radius[some].max()) for some in classes], center, radius)
 
 
 class RoundCones(NamedTuple):
@@ -159,7 +175,7 @@ def own_cones(hand: OwnHand, posed: Posed) -> RoundCones:
     return round_cones(posed.joints, posed.palm, hand.radius, hand.palm_radius)
 
 
-def near_rows(cones: RoundCones, reach: FloatArray, pieces: Places) -> tuple[IntArray, IntArray]:
+def near_rows(cones: RoundCones, reach: FloatArray, pieces: Pieces) -> tuple[IntArray, IntArray]:
     """Return indices of axes and pieces whose balls are at most `reach` [m] (N,) apart, sorted by axis and piece.
 
     A reach of -inf leaves a cone out.
@@ -178,26 +194,40 @@ def near_rows(cones: RoundCones, reach: FloatArray, pieces: Places) -> tuple[Int
     return row[kept][order], piece[kept][order]
 
 
-def near_pairs(hand: OwnHand, posed: Posed, spheres: Places, fingers: BoolArray, near: float) -> Pairs:
-    """Find all pairs of a body and a sphere no more than `near` [m] apart, world, of the fingers in `fingers` (5,)."""
+def near_pairs(hand: OwnHand, posed: Posed, pieces: Pieces, fingers: BoolArray, near: float) -> Pairs:
+    """Find all pairs of a body and a piece no more than `near` [m] apart, world, of the fingers in `fingers` (5,).
 
-    def search(some: Posed) -> Pairs:
-        cones, within = _searched(hand, some, spheres, fingers, near)
-        row, leaf = near_rows(cones, cones.thick + within, spheres)
-        center = spheres.center[leaf]
-        place, size = cones.at(row).nearest_balls(center)
-        return _of_hands(hand, ball_pairs(row, leaf, place, size, place - center, spheres.radius[leaf], near))
-
-    return _by_chunks(posed, search)
-
-
-def _by_chunks(posed: Posed, search: Callable[[Posed], Pairs]) -> Pairs:
-    """Pairs of a search by `CHUNK` ticks."""
-    found: list[Pairs] = []
+    With a triangle a phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat
+    on. No depth exceeds the radius, that of a body whose axis passes through the triangle.
+    """
+    found, search = list[Pairs](), _near_spheres if pieces.triangles is None else _near_triangles
+    # A palm that is far as a whole is left out.
+    reach, spheres = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near, hand.palm_radius
     for first in range(0, max(len(posed.joints), 1), CHUNK):
-        pairs = search(posed.at(slice(first, first + CHUNK)))
-        found.append(pairs._replace(tick=pairs.tick + first))
+        some = posed.at(slice(first, first + CHUNK))
+        used = np.repeat(pieces.counts(some.position, reach)[:, None] > 0, PALM + len(spheres), axis=1)
+        used[:, :PALM] = np.repeat(fingers, 3)
+        pairs = search(own_cones(hand, some), np.where(used.ravel(), near, -np.inf), pieces).within(near)
+        tick, body = np.divmod(pairs.body, PALM + len(spheres))
+        found.append(pairs._replace(tick=tick + first, body=np.minimum(body, PALM)))
     return joined(found)
+
+
+def _near_spheres(cones: RoundCones, near: FloatArray, pieces: Pieces) -> Pairs:
+    row, leaf = near_rows(cones, cones.thick + near, pieces)
+    center = pieces.center[leaf]
+    place, size = cones.at(row).nearest_balls(center)
+    return ball_pairs(row, leaf, place, size, place - center, pieces.radius[leaf])
+
+
+def _near_triangles(cones: RoundCones, near: FloatArray, pieces: Pieces) -> Pairs:
+    row, face, share, _ = cones_near_triangles(cones, pieces, near)
+    long = (cones.a != cones.b).any(axis=1)[row]
+    ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
+    rows = np.concatenate([np.arange(len(row)), *ends])
+    at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
+    place, size = cones.at(row[rows]).balls(at)
+    return ball_pairs(row[rows], face[rows], place, size, pieces.away(face[rows], place).T, 0.0)
 
 
 def joined(parts: Sequence[Pairs]) -> Pairs:
@@ -217,35 +247,10 @@ def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray], halvings
     return np.where(low == 0.0, 0.0, np.where(high == 1.0, 1.0, 0.5 * (low + high)))
 
 
-def _searched(
-    hand: OwnHand, posed: Posed, pieces: Places, fingers: BoolArray, near: float
-) -> tuple[RoundCones, FloatArray]:
-    """Return all bodies, and the distance [m] (N,) within which they are searched: -inf for those left out.
-
-    These are the fingers not in `fingers` (5,), and a palm that is far as a whole.
-    """
-    reach = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near
-    used = np.repeat(pieces.counts(posed.position, reach)[:, None] > 0, PALM + len(hand.palm_radius), axis=1)
-    used[:, :PALM] = np.repeat(fingers, 3)
-    return own_cones(hand, posed), np.where(used.ravel(), near, -np.inf)
-
-
-def _of_hands(hand: OwnHand, pairs: Pairs) -> Pairs:
-    """Pairs whose `body` counts the round cones of all hands as those of their ticks and bodies."""
-    tick, body = np.divmod(pairs.body, PALM + len(hand.palm_radius))
-    return pairs._replace(tick=tick, body=np.minimum(body, PALM))
-
-
 def ball_pairs(
-    row: IntArray,
-    leaf: IntArray,
-    place: FloatArray,
-    size: FloatArray,
-    away: FloatArray,
-    radius: FloatArray | float,
-    near: float,
+    row: IntArray, leaf: IntArray, place: FloatArray, size: FloatArray, away: FloatArray, radius: FloatArray | float
 ) -> Pairs:
-    """Pairs of the hand's balls (`place`, `size`) and pieces no more than `near` [m] apart; their `body` is the row.
+    """Pairs of the hand's balls (`place`, `size`) and pieces; their `body` is the row.
 
     `away` [m], shape (N, 3), leads to each ball's centre from the sphere's centre, of a given radius [m], or from the
     nearest point of the triangle, with radius 0.
@@ -253,8 +258,7 @@ def ball_pairs(
     length = np.linalg.norm(away, axis=1)
     normal = away / np.where(length > 0.0, length, 1.0)[:, None]
     distance = length - size - radius
-    pairs = Pairs(np.zeros(len(row), np.int64), row, leaf, distance, place - size[:, None] * normal, normal)
-    return pairs.at(np.flatnonzero(distance <= near))
+    return Pairs(np.zeros(len(row), np.int64), row, leaf, distance, place - size[:, None] * normal, normal)
 
 
 class ReadyTriangles(NamedTuple):
@@ -285,29 +289,23 @@ def ready_triangles(corners: FloatArray) -> ReadyTriangles:
     return ReadyTriangles(start, side, 1.0 / np.where(square > 0.0, square, 1.0), inward, normal, solid)
 
 
-def triangle_places(triangles: FloatArray) -> Places:
-    """Sort triangles by their places; corners [m], world, shape (F, 3, 3)."""
-    middle = triangles.mean(axis=1)
-    return ball_places(middle, np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1))
-
-
 def cones_near_triangles(
-    cones: RoundCones, triangles: ReadyTriangles, places: Places, near: FloatArray
+    cones: RoundCones, pieces: Pieces, near: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Find the round cones and triangles that are no more than `near` [m] apart.
 
     Args:
         cones: N round cones.
-        triangles: All triangles.
-        places: Where they are.
+        pieces: All triangles.
         near: A number for each cone, shape (N,); -inf leaves it out.
 
     Returns:
         Of each pair the indices of cone and triangle, the share of the axis where the cone is nearest, and the signed
         distance [m]. An axis that passes through the triangle has the distance minus the cone's radius there.
     """
-    reach = cones.thick + near
-    row, face = near_rows(cones, reach, places)
+    triangles, reach = pieces.triangles, cones.thick + near
+    assert triangles is not None
+    row, face = near_rows(cones, reach, pieces)
     row, face = _not_apart(cones, reach, triangles, row, face)
     share = distance = np.zeros(0)
     for halvings in (FEW, HALVINGS):
@@ -325,35 +323,12 @@ def cones_near_triangles(
         share = np.where(drop > 0.0, 1.0, 0.0)
         share[long] = lowest_places(len(some_drop), falls, halvings)
         place, size = of.balls(share)
-        distance = np.linalg.norm(away_from_triangles(triangles.at(face), place.T), axis=0) - size
+        distance = np.linalg.norm(pieces.away(face, place), axis=0) - size
         # The nearest place is within one last interval, and the distance falls by no more on the way there.
         last = 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
         kept = np.flatnonzero(distance <= near[row] + last)
         row, face, share, distance = row[kept], face[kept], share[kept], distance[kept]
     return row, face, share, distance
-
-
-def near_triangle_pairs(
-    hand: OwnHand, posed: Posed, triangles: ReadyTriangles, places: Places, fingers: BoolArray, near: float
-) -> Pairs:
-    """Find all pairs of a body and a triangle no more than `near` [m] apart, world; `leaf` is the triangle's index.
-
-    A phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat on. No depth
-    exceeds the radius, that of a body whose axis passes through the triangle. `fingers` (5,) selects the fingers.
-    """
-
-    def search(some: Posed) -> Pairs:
-        cones, within = _searched(hand, some, places, fingers, near)
-        row, face, share, _ = cones_near_triangles(cones, triangles, places, within)
-        long = (cones.a != cones.b).any(axis=1)[row]
-        ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
-        rows = np.concatenate([np.arange(len(row)), *ends])
-        at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
-        place, size = cones.at(row[rows]).balls(at)
-        away = away_from_triangles(triangles.at(face[rows]), place.T).T
-        return _of_hands(hand, ball_pairs(row[rows], face[rows], place, size, away, 0.0, near))
-
-    return _by_chunks(posed, search)
 
 
 def _not_apart(
@@ -453,6 +428,6 @@ def _between(hands: Sequence[OwnHand], posed: Sequence[Posed], couples: BoolArra
         place, size = one.balls(lowest_places(len(tick), falls))
         across, radius = other.nearest_balls(place)
         first, second = np.minimum(bodies, PALM)
-        pairs = ball_pairs(first, second, place, size, place - across, radius, np.inf)
+        pairs = ball_pairs(first, second, place, size, place - across, radius)
         found.append(pairs._replace(tick=tick + start).at(np.flatnonzero(pairs.distance <= within[tick])))
     return joined(found)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import MeshError
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.system.counted import counted
@@ -86,10 +86,11 @@ def _by_library(judge: JudgedTicks) -> Claim:
             part += int(np.abs(away - judge.hand.palm_radius).argmin())
         body = judge.bodies[int(np.searchsorted(starts, leaf, side="right")) - 1]
         leaf -= body.first
-        if judge.on_mesh and not body.triangles.solid[leaf]:
+        pieces = body.pieces
+        if pieces.triangles is not None and not pieces.triangles.solid[leaf]:
             # Coal has no triangle without area.
             continue
-        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (body.center[leaf], float(body.radius[leaf]))
+        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (pieces.center[leaf], float(pieces.radius[leaf]))
         row = i * (PALM + len(judge.hand.palm_radius)) + part
         a, b = body.seen_points(np.stack([cones.a[row], cones.b[row]])[None], np.array([i]))[0]
         found = coal_distance(a, b, float(cones.radius_a[row]), float(cones.radius_b[row]), *piece)
@@ -140,18 +141,6 @@ def has_coal() -> bool:
     return find_spec("coal") is not None
 
 
-def coal_model(vertices: FloatArray, faces: IntArray) -> Any:
-    """Build coal's bounding-volume hierarchy of a mesh of triangles with areas; coal has no distance of a lone one."""
-    import coal
-
-    model: Any = coal.BVHModelOBBRSS()
-    model.beginModel(len(faces), len(vertices))
-    model.addVertices(np.array(vertices))
-    model.addTriangles(np.array(faces))
-    model.endModel()
-    return model
-
-
 def coal_distance(
     a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, piece: FloatArray, size: float = 0.0
 ) -> float:
@@ -163,9 +152,15 @@ def coal_distance(
     import coal
     from scipy.optimize import minimize_scalar
 
-    shape, place = coal.Sphere(float(size)), coal.Transform3s()
+    shape: Any = coal.Sphere(float(size))
+    place = coal.Transform3s()
     if piece.ndim == 2:
-        shape = coal_model(piece, np.array([[0, 1, 2]]))
+        # Coal has no distance of a lone triangle, but that of a hierarchy of one.
+        shape = coal.BVHModelOBBRSS()
+        shape.beginModel(1, 3)
+        shape.addVertices(np.array(piece))
+        shape.addTriangles(np.array([[0, 1, 2]]))
+        shape.endModel()
     else:
         place.setTranslation(np.array(piece))
     request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()

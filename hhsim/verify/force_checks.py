@@ -11,7 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.verify.claim import NOT_JUDGED, Claim, judged
-from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.contacts import PALM, Pairs, joined
 from hhsim.verify.kinematics import OwnHand, Posed
 from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, NO_PLACE, SNAP, STUCK, JudgedTicks, left_out
 
@@ -140,11 +140,6 @@ def _wrench(judge: JudgedTicks) -> Claim:
     return judged("palm wrench", says, off, tolerance, "N", WHY_FORCE, ticks=judge.numbers, note=note)
 
 
-def force_slack(judge: JudgedTicks, size: FloatArray, ticks: IntArray) -> FloatArray:
-    """Tolerance [N] of forces of size (n,) at some ticks: multipliers belong to the program one step earlier."""
-    return FORCE * (1.0 + size) + TURN * size * judge.last_step[ticks] / judge.rolling
-
-
 def _complementarity(judge: JudgedTicks) -> Claim:
     ticks, own = np.flatnonzero(judge.status & UNSETTLED == 0), judge.meetings
     found = [of.nearest(len(judge.status)) for of in (judge.against_other_hand, own, own._replace(body=own.leaf))]
@@ -169,11 +164,17 @@ def _balance(judge: JudgedTicks, *, stored: bool) -> Claim:
     ticks, progressive = np.flatnonzero(judge.status & UNSETTLED == 0), judge.options["method"] == "progressive"
     # Normals of all contacts turn, and what they leave adds up.
     of_contacts, of_coupling = np.linalg.norm(judge.forces, axis=2).sum(axis=1), judge.pull * judge.scale
-    slack = force_slack(judge, of_contacts if stored else np.linalg.norm(of_coupling, axis=1), judge.numbers)
-    off = np.zeros(len(ticks))
+    size = of_contacts if stored else np.linalg.norm(of_coupling, axis=1)
+    # Multipliers belong to the program one step earlier.
+    slack, within = FORCE * (1.0 + size) + TURN * size * judge.last_step / judge.rolling, judge.bearing_within
+    # What can bear a force: pairs with the object or the other hand, and of the hand's own parts.
+    pairs, own, off = joined([judge.pairs, judge.against_other_hand]), judge.meetings, np.zeros(len(ticks))
+    pairs = pairs.at(np.flatnonzero(pairs.distance <= within[pairs.tick, pairs.body]))
+    own_within = np.maximum(within[own.tick, own.body], within[own.tick, own.leaf])
+    own = own.at(np.flatnonzero(own.distance <= own_within))
     for n, i in enumerate(ticks.tolist()):
-        at = moment(judge.hand, judge.posed, judge.shown.flexion[i], judge.bearing_at(i), i, judge.pull[i])
-        at = with_meetings(at, judge.posed, judge.meetings_at(i), i) if judge.self_contact else at
+        at = moment(judge.hand, judge.posed, judge.shown.flexion[i], pairs.of(i), i, judge.pull[i])
+        at = with_meetings(at, judge.posed, own.of(i), i) if judge.self_contact else at
         if not stored:
             off[n] = balance(at, judge.scale)
             continue

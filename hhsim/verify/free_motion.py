@@ -171,17 +171,6 @@ class FreeMotion(FreeBody):
         """Force of each contact on the body it acts on [N], shape (C, 3)."""
         return np.asarray(self.load[:, None] * self.normal + self.friction)
 
-    def of_contacts(self, of_table: bool) -> FloatArray:
-        """Wrench of the contacts with table or hands on the object, about its centre of mass, shape (T, 6)."""
-        chosen = self.of_table == of_table
-        sign = 1.0 if of_table else -1.0
-        tick, force = self.tick[chosen], sign * self.force[chosen]
-        moment = np.cross(self.point[chosen] - self.center[1:][tick], force)
-        moment += sign * self.torsion[chosen, None] * self.normal[chosen]
-        found = np.zeros((len(self.ticks), 6))
-        np.add.at(found, tick, np.concatenate([force, moment], axis=1))
-        return found
-
     @property
     def coefficient(self) -> FloatArray:
         """Friction coefficient μ of each contact, shape (C,): of two bodies the geometric mean of theirs."""

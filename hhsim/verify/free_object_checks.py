@@ -14,7 +14,6 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.verify.claim import NOT_JUDGED, Claim, all_true, judged
-from hhsim.verify.contacts import PALM
 from hhsim.verify.force_checks import FORCE, TURN, WHY_FORCE, WHY_SLACK, bears_where_near, limit_rows, pushes, residual
 from hhsim.verify.free_motion import FreeBody, FreeMotion
 from hhsim.verify.joint_checks import held_claim, pair_claim
@@ -145,8 +144,14 @@ def gyrated(inertia: FloatArray, spin: FloatArray, period: float) -> FloatArray:
 
 def _wrenches(motion: FreeMotion, jointed: bool) -> list[Claim]:
     found = []
-    for name, of_table in (("hand", False), ("table", True)):
-        own, stored = motion.of_contacts(of_table), motion.of_others if of_table else motion.of("hand_wrench")
+    for name, of_table, sign in (("hand", False, -1.0), ("table", True, 1.0)):
+        # The wrench of the contacts on the object, about its centre of mass.
+        chosen, own = motion.of_table == of_table, np.zeros((len(motion.ticks), 6))
+        tick, force = motion.tick[chosen], sign * motion.force[chosen]
+        moment = np.cross(motion.point[chosen] - motion.center[1:][tick], force)
+        moment += sign * motion.torsion[chosen, None] * motion.normal[chosen]
+        np.add.at(own, tick, np.concatenate([force, moment], axis=1))
+        stored = motion.of_others if of_table else motion.of("hand_wrench")
         size = 1.0 + np.abs(stored).sum(axis=1)
         says, off = f"the {name}'s force and moment on the object are those of its contacts", np.abs(own - stored)
         claim = f"{name} on object", says, off.max(axis=1), FORCE * size, "N, N·m", WHY_FORCE
@@ -163,16 +168,14 @@ def free_hand_claims(judge: JudgedTicks) -> list[Claim]:
     if not judge.result.body.is_free:
         return []
     motion, bodies = FreeMotion(judge.result), [FreeBody(judge.result, of) for of in judge.result.bodies.values()]
-    return [_equal_and_opposite(motion), _hand_balance(judge, motion, bodies), _complementarity(judge, motion, bodies)]
+    claims = [_equal_and_opposite(judge, motion), _hand_balance(judge, motion, bodies)]
+    return [*claims, _complementarity(judge, motion, bodies)]
 
 
-def _equal_and_opposite(motion: FreeMotion) -> Claim:
-    bodies = np.zeros((len(motion.ticks), PALM + 1, 3))
-    chosen = motion.own
+def _equal_and_opposite(judge: JudgedTicks, motion: FreeMotion) -> Claim:
+    bodies, chosen = np.zeros_like(judge.forces), motion.own
     np.add.at(bodies, (motion.tick[chosen], motion.touching[chosen]), motion.force[chosen])
-    phalanx = np.asarray(motion.result["force/phalanx"]).reshape(-1, PALM, 3)
-    palm = np.asarray(motion.result["force/total"]) - phalanx.sum(axis=1)
-    off = np.abs(bodies - np.concatenate([phalanx, palm[:, None]], axis=1)).max(axis=(1, 2))
+    off = np.abs(bodies - judge.forces).max(axis=(1, 2))
     limit, kept = FORCE * (1.0 + np.abs(bodies).sum(axis=(1, 2))), np.flatnonzero(motion.alone)
     says = "the force on each part of the hand is that of its contacts with the object"
     return judged("equal and opposite", says, off[kept], limit[kept], "N", WHY_FORCE, ticks=kept)
@@ -337,10 +340,10 @@ class _Solid:
 
     def _overlapping(self, other: "_Solid", turn: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pairs of a triangle and one of another body at a pose in this frame whose boxes overlap, (K, 3, 3) each."""
-        (low, high), balls = self.bounds, other.shell.places
+        (low, high), balls = self.bounds, other.shell.pieces
         middle, radius = balls.center @ turn.T + shift, balls.radius[:, None]
         near = np.flatnonzero(((middle + radius >= low) & (middle - radius <= high)).all(axis=1))
-        row, piece = self.shell.places.within(middle[near], balls.radius[near])
+        row, piece = self.shell.pieces.within(middle[near], balls.radius[near])
         theirs = other.shell.corners[near] @ turn.T + shift
         (low, high), (own_low, own_high) = _boxes(theirs), self.boxes
         kept = ((own_low[piece] <= high[row]) & (low[row] <= own_high[piece])).all(axis=1)

@@ -11,16 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.verify.contacts import (
-    BODIES,
-    PALM,
-    RoundCones,
-    away_from_triangles,
-    cones_near_triangles,
-    ready_triangles,
-    round_cones,
-)
-from hhsim.verify.contacts import triangle_places as places_of
+from hhsim.verify.contacts import BODIES, PALM, Pieces, RoundCones, cones_near_triangles, round_cones
 from hhsim.verify.kinematics import rotations
 
 if TYPE_CHECKING:
@@ -53,9 +44,7 @@ class TrueSurface:
         import trimesh
 
         self._as_found = open_too
-        self.corners, self.triangles = mesh.triangles, ready_triangles(mesh.triangles)
-        self.places = places_of(mesh.triangles)
-        self._faces = mesh.faces
+        self.corners, self.pieces, self._faces = mesh.triangles, Pieces.of_triangles(mesh.triangles), mesh.faces
         self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
         # In millimetres: trimesh's tolerances are of lengths like those.
         found = trimesh.Trimesh(1e3 * mesh.vertices, mesh.faces, process=False)
@@ -77,14 +66,14 @@ class TrueSurface:
 
     def _nearest(self, points: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
         every, bound = np.arange(len(points)), np.full(len(points), np.inf)
-        for piece in self.places.nearest(points).T:
-            away = away_from_triangles(self.triangles.at(piece), points.T)
+        for piece in self.pieces.nearest(points).T:
+            away = self.pieces.away(piece, points)
             bound = np.minimum(bound, np.sqrt((away * away).sum(axis=0)))
         bound += ROUNDING
-        row, piece = self.places.within(points, bound)
-        kept = np.linalg.norm(points[row] - self.places.center[piece], axis=1) <= bound[row] + self.places.radius[piece]
+        row, piece = self.pieces.within(points, bound)
+        kept = np.linalg.norm(points[row] - self.pieces.center[piece], axis=1) <= bound[row] + self.pieces.radius[piece]
         row, piece = row[kept], piece[kept]
-        away = away_from_triangles(self.triangles.at(piece), points[row].T).T
+        away = self.pieces.away(piece, points[row]).T
         distance = np.linalg.norm(away, axis=1)
         order = np.lexsort((piece, distance, row))
         first = order[np.searchsorted(row[order], every)]
@@ -143,7 +132,7 @@ class TrueSurface:
         near, of_middle = near[~point & (of_middle >= 0.0)], of_middle[~point & (of_middle >= 0.0)]
         some = cones.at(near)
         reach = np.minimum(limit, of_middle - 0.5 * (some.radius_a + some.radius_b))
-        row, _, _, distance = cones_near_triangles(some, self.triangles, self.places, reach + ROUNDING)
+        row, _, _, distance = cones_near_triangles(some, self.pieces, reach + ROUNDING)
         np.minimum.at(found, near[row], distance)
         return found
 

@@ -12,21 +12,7 @@ from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
 from hhsim.solver.method import never_penetrates
 from hhsim.system.counted import counted
-from hhsim.verify.contacts import (
-    PALM,
-    Pairs,
-    Places,
-    ReadyTriangles,
-    ball_places,
-    joined,
-    meetings,
-    meetings_of_two,
-    near_pairs,
-    near_triangle_pairs,
-    parts_that_may_meet,
-    ready_triangles,
-    triangle_places,
-)
+from hhsim.verify.contacts import Pairs, Pieces, joined, meetings, meetings_of_two, near_pairs, parts_that_may_meet
 from hhsim.verify.file_checks import usable
 from hhsim.verify.kinematics import Posed, configurations, own_hand, pose, rotations, turn_between
 from hhsim.verify.tree_checks import leaves
@@ -51,25 +37,13 @@ def left_out(status: IntArray, flags: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class JudgedBody:
-    """Mesh and leaf spheres in a frame of their own, and where that is at n ticks."""
+    """A body in a frame of its own, and where that is at n ticks."""
 
-    mesh: Mesh  # in the body's frame [m]
-    center: FloatArray  # leaf spheres [m], shapes (L, 3) and (L,)
-    radius: FloatArray
-    first: int  # number of its first sphere or triangle among those of all bodies
-    on_mesh: bool  # True if the hand touched triangles
+    mesh: Mesh  # [m]
+    pieces: Pieces  # leaf spheres or triangles, whichever the hand touches
+    first: int  # number of its first piece among those of all bodies
     turn: FloatArray  # rotation matrix to the world (n, 3, 3)
     shift: FloatArray  # translation to the world [m] (n, 3)
-
-    @cached_property
-    def triangles(self) -> ReadyTriangles:
-        """Triangles of the mesh."""
-        return ready_triangles(self.mesh.triangles)
-
-    @cached_property
-    def pieces(self) -> Places:
-        """Spheres or triangles, whichever the hand touches."""
-        return triangle_places(self.mesh.triangles) if self.on_mesh else ball_places(self.center, self.radius)
 
     def seen_points(self, points: FloatArray, rows: IntArray) -> FloatArray:
         """Return points [m], shape (m, ..., 3), at the ticks of these rows as the body sees them."""
@@ -89,19 +63,6 @@ class JudgedBody:
         at = rows[pairs.tick]
         point, normal = (np.einsum("nij,nj->ni", self.turn[at], of) for of in (pairs.point, pairs.normal))
         return pairs._replace(point=point + self.shift[at], normal=normal)
-
-
-def judged_bodies(result: Result) -> tuple[JudgedBody, ...]:
-    """Return the bodies of a result at its ticks."""
-    on_mesh, found, first = result.surface == "mesh", list[JudgedBody](), 0
-    moved = result.meshes_moved() or (None,)
-    for body, motion in zip(result.bodies.values(), moved, strict=True):
-        mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
-        still = np.tile(np.eye(3), (result.ticks, 1, 1)), np.zeros((result.ticks, 3))
-        turn, shift = still if motion is None else (rotations(motion.turn)[0].as_matrix(), motion.shift)
-        found.append(JudgedBody(mesh, *leaves(body), first, on_mesh, turn, shift))
-        first += len(mesh.faces) if on_mesh else len(found[-1].radius)
-    return tuple(found)
 
 
 class JudgedTicks:
@@ -144,7 +105,16 @@ class JudgedTicks:
     @cached_property
     def bodies(self) -> tuple[JudgedBody, ...]:
         """Object, or parts of a body."""
-        return judged_bodies(self.result)
+        found, first, moved = list[JudgedBody](), 0, self.result.meshes_moved() or (None,)
+        for body, motion in zip(self.result.bodies.values(), moved, strict=True):
+            mesh = Mesh(np.array(body.vertices), np.array(body.faces), name=body.group)
+            pieces = Pieces.of_triangles(mesh.triangles) if self.on_mesh else Pieces.of_balls(*leaves(body))
+            turn, shift = np.tile(np.eye(3), (len(self.numbers), 1, 1)), np.zeros((len(self.numbers), 3))
+            if motion is not None:
+                turn, shift = rotations(motion.turn)[0].as_matrix(), motion.shift
+            found.append(JudgedBody(mesh, pieces, first, turn, shift))
+            first += len(pieces.radius)
+        return tuple(found)
 
     @cached_property
     def moved(self) -> FloatArray:
@@ -161,7 +131,7 @@ class JudgedTicks:
     @cached_property
     def _least_leaf(self) -> float:
         # Rolling on an edge or a corner of a mesh has the hand's radius alone.
-        return 0.0 if self.on_mesh else float(min(body.radius.min() for body in self.bodies))
+        return 0.0 if self.on_mesh else float(min(body.pieces.radius.min() for body in self.bodies))
 
     @property
     def rolling(self) -> float:
@@ -198,29 +168,10 @@ class JudgedTicks:
         """Pairs with the other hand that touch, or nearly so."""
         return self.of_other_hand(2.0 * self.bearing)
 
-    def meetings_at(self, i: int) -> Pairs:
-        """Pairs of the hand's own parts that can bear a force at a tick."""
-        found, within = self.meetings.of(i), self.bearing_within[i]
-        return found.at(np.flatnonzero(found.distance <= np.maximum(within[found.body], within[found.leaf])))
-
-    def bearing_at(self, i: int) -> Pairs:
-        """Pairs that can bear a force at a tick, with the object or the other hand."""
-        found = joined([self.pairs.of(i), self.against_other_hand.of(i)])
-        return found.at(np.flatnonzero(found.distance <= self.bearing_within[i, found.body]))
-
     @property
     def squeezed(self) -> BoolArray:
         """Ticks that say that moving parts left the hand no place."""
         return np.asarray(self.status & NO_PLACE > 0)
-
-    def near_body(self, body: JudgedBody, rows: IntArray, reach: float) -> Pairs:
-        """Find the pairs with one body within `reach` [m] at some ticks, which are counted from 0."""
-        posed = body.seen(self.posed, rows)
-        if self.on_mesh:
-            found = near_triangle_pairs(self.hand, posed, body.triangles, body.pieces, self.fingers, reach)
-        else:
-            found = near_pairs(self.hand, posed, body.pieces, self.fingers, reach)
-        return body.placed(found, rows)
 
     @cached_property
     def _near(self) -> tuple[Pairs, FloatArray]:
@@ -228,7 +179,11 @@ class JudgedTicks:
         reach = max(2.0 * self.bearing, self.margin if self.result.body.is_free else 0.0)
         kept, nearest = list[Pairs](), list[FloatArray]()
         for rows in np.array_split(self.numbers, range(BLOCK, len(self.numbers), BLOCK)):
-            found = joined([self.near_body(body, rows, reach) for body in self.bodies])
+            of_bodies = list[Pairs]()
+            for body in self.bodies:
+                seen = near_pairs(self.hand, body.seen(self.posed, rows), body.pieces, self.fingers, reach)
+                of_bodies.append(body.placed(seen, rows))
+            found = joined(of_bodies)
             pairs = found.within(2.0 * self.bearing)
             kept.append(pairs._replace(tick=rows[pairs.tick]))
             nearest.append(found.nearest(len(rows)))
@@ -244,14 +199,9 @@ class JudgedTicks:
         """Least distance of each body [m], infinite for none near, shape (T, 16)."""
         return self._near[1]
 
-    @property
-    def sphere_penetration(self) -> float:
-        """Maximum depth in the leaf spheres [m]; NaN for a hand that touches triangles."""
-        return float("nan") if self.on_mesh else max(0.0, -float(self.nearest.min(initial=0.0)))
-
     @cached_property
     def forces(self) -> FloatArray:
         """Force of each body [N], the palm's last, shape (T, 16, 3)."""
-        phalanx = np.asarray(self.result["force/phalanx"]).reshape(-1, PALM, 3)
+        phalanx = np.asarray(self.result["force/phalanx"]).reshape(len(self.numbers), -1, 3)
         palm = np.asarray(self.result["force/total"]) - phalanx.sum(axis=1)
         return np.concatenate([phalanx, palm[:, None]], axis=1)

@@ -1,87 +1,26 @@
-"""Sphere trees without the builder's code: gap and protrusion of each level, and the claims of a file of its trees.
+"""Claims of a file of its sphere trees, without the builder's code; the spheres near a point come from a k-d tree."""
 
-The spheres and triangles near a point come from scipy's k-d trees. Gap and protrusion are lower bounds from samples;
-each search refines its worst samples on their triangle or sphere.
-"""
-
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.mesh.mesh import LARGEST_NUMBER, Mesh, require_usable_arrays
+from hhsim.mesh.mesh import LARGEST_NUMBER, require_usable_arrays
 from hhsim.result.body import Body
 from hhsim.result.reader import Result
-from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.claim import NOT_CLAIMED, Claim, judged
-from hhsim.verify.mesh_distance import TrueSurface
 
-MESH_POINTS = 200_000
-SPHERE_POINTS = 200_000
 ON_SPHERE = 1e-12
 """Depth below which a point of a sphere is on it [m]: rounding."""
-LEAST_EACH = 40
-"""Minimum number of points on each sphere."""
 NEIGHBOURS = 24
-WORST = 200
-CHILDREN = 40
-ROUNDS = 5
-FIRST_STEP = 0.2
-SHRINK = 0.35
-"""Search parameters: `CHILDREN` new points around each of the `WORST`, for `ROUNDS` rounds, each closer."""
-
+"""Spheres near a point that are tried first."""
 SAMPLES = 10_000
 """Number of random points on the mesh, uniform by area, besides vertices and edge midpoints."""
 COVER = 1e-9
 """Tolerance of a point outside all leaves [m]."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Measures of one level of a tree."""
-
-    level: int  # level, 0 for the root
-    spheres: int  # number of its spheres
-    gap: float  # maximum distance of a point of the mesh outside the spheres [m]; 0 for none
-    slack: float  # minimum depth of a point of the mesh inside the spheres [m]; negative for a gap
-    protrusion: float  # maximum distance of a point of the spheres' union outside the mesh [m]
-    protrusion_mean: float  # mean over the part of the union's surface that is outside [m]
-
-
-def referee(
-    mesh: Mesh,
-    tree: SphereTree,
-    levels: Sequence[int] | None = None,
-    *,
-    mesh_points: int = MESH_POINTS,
-    sphere_points: int = SPHERE_POINTS,
-    seed: int = 0,
-) -> tuple[Verdict, ...]:
-    """Measure the levels of a tree.
-
-    Args:
-        mesh: Watertight and wound outward [m].
-        tree: In the frame of the mesh.
-        levels: None for all.
-        mesh_points: Random points on the mesh, uniform by area; as many again on its edges, and all its vertices.
-        sphere_points: Random points on the spheres of a level, uniform by area, at least `LEAST_EACH` on each.
-        seed: Seed of the points.
-
-    Raises:
-        MeshError: The mesh is not watertight: there is no outside to measure in.
-    """
-    surface = TrueSurface(mesh)
-    verdicts = []
-    for level in range(tree.depth + 1) if levels is None else levels:
-        rng = np.random.default_rng([seed, level])
-        spheres = tree.spheres(level)
-        slack = _least_slack(mesh, depth_in_spheres(*spheres), mesh_points, rng)
-        protrusion, mean = _protrusion(surface, *spheres, sphere_points, rng)
-        verdicts.append(Verdict(level, len(spheres[1]), max(0.0, -slack), slack, protrusion, mean))
-    return tuple(verdicts)
 
 
 def depth_in_spheres(center: FloatArray, radius: FloatArray) -> Callable[[FloatArray], FloatArray]:
@@ -102,89 +41,6 @@ def depth_in_spheres(center: FloatArray, radius: FloatArray) -> Callable[[FloatA
         return np.asarray(best, np.float64)
 
     return depth
-
-
-def _least_slack(
-    mesh: Mesh, depth_of: Callable[[FloatArray], FloatArray], count: int, rng: np.random.Generator
-) -> float:
-    """Minimum depth of the mesh inside the spheres [m]."""
-    triangles = mesh.triangles
-    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    face = rng.choice(len(triangles), size=count, p=area / area.sum())
-    weight = rng.dirichlet(np.ones(3), size=count)
-    # As many on the edges, by their length: where a cover is weakest, and where no random point of a face lies.
-    length = np.linalg.norm(triangles[:, [1, 2, 0]] - triangles, axis=2).ravel()
-    edge = rng.choice(length.size, size=count, p=length / length.sum())
-    along = rng.random(count)
-    on_edge = np.zeros((count, 3))
-    on_edge[np.arange(count), edge % 3], on_edge[np.arange(count), (edge + 1) % 3] = 1.0 - along, along
-    face = np.concatenate([face, edge // 3, np.repeat(np.arange(len(triangles)), 3)])
-    weight = np.concatenate([weight, on_edge, np.tile(np.eye(3), (len(triangles), 1))])
-
-    def depth(face: IntArray, weight: FloatArray) -> FloatArray:
-        return -depth_of((weight[:, :, None] * triangles[face]).sum(axis=1))
-
-    def moved(weight: FloatArray, step: float) -> FloatArray:
-        there = np.maximum(weight + step * rng.normal(size=weight.shape), 0.0)
-        # Clipped weights are points on edges and corners; where nothing is left, it stays where it was.
-        there = np.where(there.any(axis=1, keepdims=True), there, weight)
-        return np.asarray(there / there.sum(axis=1, keepdims=True), np.float64)
-
-    return -_search(face, weight, depth(face, weight), depth, moved)
-
-
-def _protrusion(
-    surface: TrueSurface, center: FloatArray, radius: FloatArray, count: int, rng: np.random.Generator
-) -> tuple[float, float]:
-    """Maximum and mean distance of the spheres' union outside the mesh [m]."""
-    area, depth_of = radius**2, depth_in_spheres(center, radius)
-    each = np.maximum(LEAST_EACH, np.floor(count * area / area.sum())).astype(np.int64)
-    owner = np.repeat(np.arange(len(each)), each)
-    direction = rng.normal(size=(len(owner), 3))
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-
-    def height(owner: IntArray, direction: FloatArray) -> FloatArray:
-        points = center[owner] + radius[owner, None] * direction
-        found = np.full(len(owner), -np.inf)
-        # What lies on its own sphere and in no other one is on the surface of the union.
-        free = depth_of(points) < ON_SPHERE
-        found[free] = surface.signed_distance(points[free])
-        return found
-
-    first = height(owner, direction)
-    outside = first > 0.0
-    share = (area / each)[owner][outside]
-    mean = float((first[outside] * share).sum() / share.sum()) if outside.any() else 0.0
-
-    def moved(direction: FloatArray, step: float) -> FloatArray:
-        there = direction + step * rng.normal(size=direction.shape)
-        return np.asarray(there / np.linalg.norm(there, axis=1)[:, None], np.float64)
-
-    return max(0.0, _search(owner, direction, first, height, moved)), mean
-
-
-def _search(
-    key: IntArray,
-    place: FloatArray,
-    found: FloatArray,
-    value: Callable[[IntArray, FloatArray], FloatArray],
-    moved: Callable[[FloatArray, float], FloatArray],
-) -> float:
-    """Maximum of `value`, which is `found` at some places, refined around the best of them."""
-    step = FIRST_STEP
-    best = np.argsort(-found, kind="stable")[:WORST]
-    key, place, found = key[best], place[best], found[best]
-    for _ in range(ROUNDS):
-        wide_key = np.repeat(key, CHILDREN)
-        there = moved(np.repeat(place, CHILDREN, axis=0), step)
-        tried = value(wide_key, there).reshape(-1, CHILDREN)
-        pick = tried.argmax(axis=1)
-        top = tried[np.arange(len(key)), pick]
-        better = top > found
-        place = np.where(better[:, None], there.reshape(len(key), CHILDREN, -1)[np.arange(len(key)), pick], place)
-        found = np.maximum(found, top)
-        step *= SHRINK
-    return float(found.max())
 
 
 def tree_claims(result: Result) -> list[Claim]:

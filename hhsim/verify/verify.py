@@ -137,7 +137,8 @@ def physics(
     claims[:0] = [replace(claim, group=group) for group, of in of_bodies.items() for claim in of]
     claims += free_claims(hands[0])
     claims.sort(key=lambda claim: GROUPS.index(claim.group))
-    spheres = max(judge.sphere_penetration for judge in judges)
+    deepest = max(0.0, *(-float(judge.nearest.min(initial=0.0)) for judge in judges))
+    spheres = float("nan") if judges[0].on_mesh else deepest
     return Verification(tuple(claims), result.ticks, len(judges[0].asked), every, spheres, max(deep))
 
 

@@ -17,19 +17,11 @@ from gate_scene import SUITE, write_suite
 from sealed_change import changed
 
 from hhsim.errors import InputError
-from hhsim.gate.gate import GateReport, RecordedScene, gate_result, load_baseline, write_baseline
+from hhsim.gate.gate import GateReport, gate_result, load_baseline, write_baseline
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, cpu_p50, run_figures
 from hhsim.gate.report import COLUMNS, headline, markdown, number_text, reasons
 from hhsim.gate.run import RunFailed, Side
-from hhsim.gate.suite import (
-    GateScene,
-    GateSuite,
-    default_suite,
-    default_suite_text,
-    load_suite,
-    parse_suite,
-    usual_limits,
-)
+from hhsim.gate.suite import GateScene, default_suite, default_suite_text, load_suite, parse_suite, usual_limits
 from hhsim.gate.verdict import GateRow, judge_figures, judge_run, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.replay import replay_scene
@@ -240,13 +232,13 @@ def test_one_pair_test_more_than_the_slack_is_a_miss(result: Path, figures: RunF
 def load_result_of(figures: RunFigures, beside: Path) -> Any:
     """A baseline of these figures, written and read."""
     path = beside.with_name("baseline.json")
-    write_baseline(path, {"tiny": RecordedScene.of(figures)})
+    write_baseline(path, {"tiny": figures})
     return load_baseline(path)
 
 
 def test_a_baseline_comes_back_as_it_was_written(figures: RunFigures, tmp_path: Path) -> None:
     path = tmp_path / "baseline.json"
-    write_baseline(path, {"a": RecordedScene.of(figures)})
+    write_baseline(path, {"a": figures})
     scene = load_baseline(path).scenes["a"]
     assert differences(scene.figures.inputs, figures.inputs) == []
     assert scene.figures.counters == figures.counters
@@ -271,7 +263,7 @@ def test_a_baseline_that_is_not_as_it_was_recorded_is_refused(
     figures: RunFigures, tmp_path: Path, change: Callable[[dict[str, Any]], object]
 ) -> None:
     path = tmp_path / "baseline.json"
-    write_baseline(path, {"tiny": RecordedScene.of(figures)})
+    write_baseline(path, {"tiny": figures})
     document = json.loads(path.read_text())
     path.write_text(json.dumps(document, indent=4))
     load_baseline(path)
@@ -485,7 +477,7 @@ def test_limits_and_slack_of_a_scene_come_before_the_usual_ones() -> None:
     assert scene.command() == ["replay", "cube", "short.toml", "--method", "coupled"]
 
 
-def limited(limits: str) -> GateSuite:
+def limited(limits: str) -> Any:
     return parse_suite(SUITE.replace("[limits]", f"[limits]\n{limits}"), Path(), "own")
 
 

@@ -21,7 +21,7 @@ from sampled import sampled
 from hhsim.errors import InputError
 from hhsim.gate.gate import gate_suite
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
-from hhsim.gate.run import RunFailed, Side, find_side, measured, this_python
+from hhsim.gate.run import RunFailed, Side, find_side, measured
 from hhsim.gate.suite import GateScene, load_suite
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def this_side() -> Side:
     """The hhsim that is tested here, as the head."""
-    return find_side("head", this_python())
+    return find_side("head", Path(sys.executable))
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:
 def test_the_folder_that_the_gate_runs_in_is_not_where_modules_come_from(tmp_path: Path) -> None:
     (tmp_path / "hhsim").mkdir()
     (tmp_path / "hhsim" / "__init__.py").write_text("raise ImportError('the wrong hhsim')\n")
-    script = "from pathlib import Path; from hhsim.gate.run import *; print(find_side('head', this_python()).version)"
+    script = "import sys; from hhsim.gate.run import *; print(find_side('head', Path(sys.executable)).version)"
     answer = subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
 
@@ -162,7 +162,7 @@ def test_the_shell_example_gates_base_and_head(repository: Path, tmp_path: Path,
     folder.mkdir()
     write_suite(folder).write_text(SUITE if timed else SUITE.replace("timed = true", "timed = false"))
     script = repository / "examples" / "gate.sh"
-    named = {"HHSIM": hhsim_command(tmp_path), "BASE_PYTHON": this_python(), "REPORTS": tmp_path / "reports"}
+    named = {"HHSIM": hhsim_command(tmp_path), "BASE_PYTHON": sys.executable, "REPORTS": tmp_path / "reports"}
     environment = {**os.environ, **{name: str(path) for name, path in named.items()}}
     answer = subprocess.run([str(script)], cwd=folder, env=environment, capture_output=True, text=True)
     assert answer.returncode == 0, answer.stdout + answer.stderr

@@ -22,9 +22,8 @@ ignored = pytest.mark.filterwarnings("ignore")
 def tasks(tmp_path: Path, folder: str, text: str = PLAN) -> list[CellTask]:
     plan = load_plan(write_plan(tmp_path, text))
     (tmp_path / folder).mkdir()
-    more: dict[str, Any] = {"wants_core": False, "sources": source_digest()}
-    more |= {"plan_folder": str(tmp_path), "folder": str(tmp_path / folder)}
-    return [CellTask(cell=cell.cell, digest=cell.digest, **more) for cell in plan.cells]
+    more: dict[str, Any] = {"wants_core": False, "sources": source_digest(), "folder": str(tmp_path / folder)}
+    return [CellTask(cell=cell, digest=digest, **more) for digest, cell in plan.cells.items()]
 
 
 @ignored

@@ -14,9 +14,9 @@ from fake_repairs import run, tree, write_manifest
 from hhsim.errors import OutputError
 from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
 from hhsim.sweep import engines
-from hhsim.sweep.engines import locked
+from hhsim.sweep.engines import TaskFolder
 from hhsim.sweep.input_files import CHANGED
-from hhsim.sweep.repair_batch import RowTask, run_manifest
+from hhsim.sweep.repair_batch import FORMAT, MARK, RowTask, run_manifest
 
 LIMIT = "time_limit = 1.0\n"
 
@@ -167,11 +167,11 @@ def test_what_a_row_depends_on_runs_it_anew(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("in_this_process")
 def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: Path) -> None:
     path = write_manifest(tmp_path, "copy 1")
-    with pytest.raises(OutputError, match="holds other files, and no repairs"):
+    with pytest.raises(OutputError, match="holds other files, and no repair:"):
         run(path, tmp_path)
     run(path, tmp_path / "out")
     with (
-        locked(tmp_path / "out", tmp_path / "out", "repair"),
+        TaskFolder(tmp_path / "out", "repair", MARK, FORMAT).locked(),
         pytest.raises(OutputError, match="another repair works in"),
     ):
         run(path, tmp_path / "out")

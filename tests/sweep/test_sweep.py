@@ -119,7 +119,7 @@ def test_a_cell_that_failed_is_tried_again(
     (tmp_path / "broken_method.py").write_text(BROKEN)
     path = write_plan(tmp_path, PLAN.replace('"penalty"', '"broken_method:Broken"'))
     out = tmp_path / "out"
-    failing = {cell.digest for cell in load_plan(path).cells if cell.cell.method != "coupled"}
+    failing = {digest for digest, cell in load_plan(path).cells.items() if cell.method != "coupled"}
     for run, done_before in ((1, 0), (0, 1)):
         found = swept(path, out)
         assert (found.run, found.done_before) == (run, done_before)
@@ -164,10 +164,10 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
 
 
 def test_another_hhsim_or_a_folder_that_is_not_seen_fails_the_cell(tmp_path: Path) -> None:
-    planned = load_plan(write_plan(tmp_path)).cells[0]
+    digest, cell = next(iter(load_plan(write_plan(tmp_path)).cells.items()))
     for folder, sources, said in (("", "another", "is another one"), ("no", source_digest(), "sees no folder")):
-        of_cell: dict[str, Any] = {"cell": planned.cell, "digest": planned.digest, "plan_folder": str(tmp_path)}
-        assert said in CellTask(**of_cell, folder=str(tmp_path / folder), sources=sources).run().reason
+        task = CellTask(cell=cell, digest=digest, folder=str(tmp_path / folder), sources=sources)
+        assert said in task.run().reason
 
 
 def test_one_sweep_at_a_time_works_in_a_folder_and_no_other_files_are_there(tmp_path: Path) -> None:

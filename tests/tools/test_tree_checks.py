@@ -6,8 +6,7 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
-from hhsim.verify.tree_checks import Verdict, referee
-from tools.tree_checks import moved_at_random
+from tools.tree_checks import Verdict, moved_at_random, referee
 
 
 def judged(mesh: Mesh) -> tuple[Verdict, float]:

@@ -16,10 +16,9 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify import tree_checks
 from hhsim.verify.mesh_distance import TrueSurface
-from hhsim.verify.tree_checks import Verdict, referee
-from tools.tree_checks import sticking_out
+from tools import tree_checks
+from tools.tree_checks import Verdict, referee, sticking_out
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces), name="box")

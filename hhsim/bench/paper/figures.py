@@ -56,7 +56,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent, note: s
     """
     jobs: list[tuple[str, Callable[[], Figure]]] = []
     # The hands that are shown are the baseline's beside the default method's, or else the last one's.
-    methods = list(dict.fromkeys(run.options.method for run in runs.scenes))
+    methods = list(dict.fromkeys(run.options.method for run in runs))
     compared = [method for method in ("paper", "coupled") if method in methods] or methods[-1:]
     for figure, columns in PAIRS.items():
         scenes = list(zip(*(runs.of(method, figure) for method in compared), strict=True))
@@ -67,7 +67,7 @@ def draw_all(folder: Path, runs: PaperRuns, progress: Progress = silent, note: s
             same = [run for method in methods for run in runs.of(method, figure, object_name=name)]
             if same:
                 jobs.append((f"fig{figure}-{name}", partial(_forces_over_time, number=figure, runs=same)))
-    if any(run.scenario.figure == "15" for run in runs.scenes):
+    if any(run.scenario.figure == "15" for run in runs):
         jobs.append(("fig15", partial(_cases, runs=runs, methods=methods)))
     written = []
     for number, (name, job) in enumerate(jobs):

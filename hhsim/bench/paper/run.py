@@ -6,7 +6,7 @@ each with the hand a little elsewhere; the others have one whole motion.
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -472,24 +472,16 @@ def _variation(
     return np.array([mean_std(values) for values in (size, *component.T)])
 
 
-@dataclass(frozen=True, eq=False)
-class PaperRuns:
-    """Runs by scene, then by method; and those with the numbers of contacts that the paper names."""
-
-    scenes: Sequence[SceneRun]
-    at_contacts: Sequence[SceneRun]
-
-    @classmethod
-    def of_all(cls, runs: Sequence[SceneRun]) -> "PaperRuns":
-        """Return the runs of both kinds."""
-        return cls([run for run in runs if not run.case], [run for run in runs if run.case])
+class PaperRuns(tuple[SceneRun, ...]):
+    """Runs by scene, then by method; last those with the numbers of contacts that the paper names, of a `case`."""
 
     def of(self, method: str, *figures: str, object_name: str | None = None, case: str | None = None) -> list[SceneRun]:
-        """Return the runs of a method in some figures."""
+        """Return the runs of a method in some figures, but for those of a number of contacts."""
         return [
             run
-            for run in self.scenes
-            if run.options.method == method
+            for run in self
+            if not run.case
+            and run.options.method == method
             and run.scenario.figure in figures
             and object_name in (None, run.scenario.object_name)
             and case in (None, run.scenario.case)

@@ -121,7 +121,7 @@ def _complex_objects(runs: PaperRuns, method: str) -> Iterator[Row]:
                 f"{max(contacts):.0f} pairs; mean of all {1e6 * _pooled_mean(played):.1f} µs"
             )
             yield paper_row("case_p99", method, percentile(worst, 99.0), note, CASES[case], f"case_p99_{case}")
-    for run in (run for run in runs.at_contacts if run.options.method == method):
+    for run in (run for run in runs if run.case and run.options.method == method):
         held = held_ticks(run.stage)
         note = (
             f"{run.scenario.object_name}, {run.candidates[held].mean():.0f} pairs in the hold, at a "
@@ -207,4 +207,4 @@ def case_table(runs: Sequence[SceneRun]) -> Table:
         "Fig. 15: a tick in contact, mean; its parts by the clock on the wall, where nothing interrupted it. SF: "
         "single finger, TF: two fingers, FF: five fingers, WH: whole hand"
     )
-    return Table(columns, [run for run in runs if run.scenario.case], title)
+    return Table(columns, [run for run in runs if run.scenario.case and not run.case], title)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.figures import hand_clearance, placed_of
@@ -23,8 +22,6 @@ DEEPEST = 1e-6
 """Penetration [m] that every case allows: a hundredth of what the paper shows, and far below what anybody feels."""
 REST = 20
 """Ticks after which the force of a frozen input must be still, as for every replay."""
-SAME = 1e-6
-"""Motions and forces are the same to this share of the hand's length, and of the largest force."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +134,6 @@ class Outcome:
     def through(self, thing: str, radius: float) -> Figure:
         """Return the figure of points that went through a disc of this radius [m] in the plane z = 0."""
         return Figure(f"points of the hand that went through the {thing}", crossings(self.points, radius - RIM), 0)
-
-    def apart_from(self, other: "Outcome") -> float:
-        """Return the largest distance [m] of a joint or the palm from the other's."""
-        return float(np.linalg.norm(self.points - other.points, axis=-1).max())
-
-
-def largest_step(points: ArrayLike) -> float:
-    """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.bench.figures import hand_clearance
 from hhsim.bench.robustness import objects as shapes
-from hhsim.bench.robustness.case import (
-    Figure,
-    Figures,
-    HardRun,
-    Outcome,
-    Runs,
-    ball_run,
-    largest_step,
-    named_cases,
-    to_convergence,
-)
+from hhsim.bench.robustness.case import Figure, Figures, HardRun, Outcome, Runs, ball_run, named_cases, to_convergence
 from hhsim.bench.robustness.objects import FIST, HALF, INDEX, POINTING, right_hand, shifted
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import PlacedHand
@@ -244,9 +234,9 @@ def ridge(seed: int) -> Runs:
 
 def _judge_ridge(outcome: Outcome) -> Figures:
     sliding = slice(144, -60)
-    shown = largest_step(outcome.ticks.joints[sliding, INDEX, 3])
+    shown = shapes.largest_step(outcome.ticks.joints[sliding, INDEX, 3])
     # Three coordinates and a lever may each add as much as the hand's own motion; a jump is far more.
-    own = largest_step(outcome.run.motion.position[sliding])
+    own = shapes.largest_step(outcome.run.motion.position[sliding])
     yield Figure("largest step of the fingertip over the hand's", shown / own, 10.0)
     yield outcome.rest(slice(-61, None), "")
 
@@ -409,8 +399,8 @@ def sharp_edge(seed: int) -> Runs:
 def _judge_edge(outcome: Outcome) -> Figures:
     moving = slice(164, 764)
     hand, motion = outcome.run.hand, outcome.run.motion.at(moving)
-    own = largest_step([hand.joints(*sample) for sample in zip(*motion, strict=True)])
-    shown = largest_step(outcome.points[moving])
+    own = shapes.largest_step([hand.joints(*sample) for sample in zip(*motion, strict=True)])
+    shown = shapes.largest_step(outcome.points[moving])
     yield outcome.left(AWAY)
     yield Figure(f"largest step of the hand over the user's, {outcome.run.name}", shown / own, JUMP)
     yield outcome.rest(slice(104, 164))
@@ -509,7 +499,7 @@ def _judge_facets(optimum: Outcome) -> Figures:
     wanted = np.diff(outcome.run.motion.position[SLIDE], axis=0)
     pace = (shown * wanted).sum(axis=1) / (wanted * wanted).sum(axis=1)
     least, most = (f"way of the tip over the user's, {which} in a tick, {name}" for which in ("least", "most"))
-    step = largest_step(force) / float(np.linalg.norm(force, axis=1).mean())
+    step = shapes.largest_step(force) / float(np.linalg.norm(force, axis=1).mean())
     rate = 1.0 / outcome.options.period
     ripple = force_ripple(force, rate) / force_ripple(optimum.ticks.total[SLIDE], rate)
     yield optimum.left(AWAY)

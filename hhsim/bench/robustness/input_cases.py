@@ -3,7 +3,7 @@
 Other units, places and signs, doubled constraints and closed loops change nothing.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -11,18 +11,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness import objects as shapes
-from hhsim.bench.robustness.case import (
-    SAME,
-    Figure,
-    Figures,
-    HardCase,
-    HardRun,
-    Outcome,
-    Runs,
-    ball_run,
-    named_cases,
-    to_convergence,
-)
+from hhsim.bench.robustness.case import Figure, HardCase, HardRun, Outcome, Runs, ball_run, named_cases, to_convergence
 from hhsim.bench.robustness.objects import HALF, POINTING, handling, tip_at
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
@@ -32,8 +21,10 @@ from hhsim.motion.analytic_motion import UPRIGHT, hold_readings, random_targets,
 from hhsim.solver.options import SolverOptions, Stiffness
 
 Adapt = Callable[[SolverOptions], SolverOptions]
-Judge = Callable[[Outcome], Figures]
+Judge = Callable[[Outcome], Iterable[Figure]]
 
+SAME = 1e-6
+"""Motions and forces are the same to this share of the hand's length, and of the largest force."""
 TOUCHING = 1e-5
 """A hand this near [m] touches."""
 LEAF_RADIUS = 0.045
@@ -64,7 +55,7 @@ def deep_command(seed: int) -> Runs:
     )
 
 
-def _judge_deep(outcome: Outcome) -> Figures:
+def _judge_deep(outcome: Outcome) -> Iterable[Figure]:
     yield Figure("gap to the surface at the end", outcome.gap(-1), TOUCHING, "m")
     height = float(outcome.ticks.position[-1, 2])
     yield Figure("palm above the ball's middle at the end", height, 0.1, "m", at_least=True)
@@ -109,7 +100,7 @@ def teleport(seed: int) -> Runs:
         for y, orientation, ticks in ((-0.03, UPRIGHT, 200), (0.0, turned, 100))
     )
 
-    def judge_air(outcome: Outcome) -> Figures:
+    def judge_air(outcome: Outcome) -> Iterable[Figure]:
         away = outcome.ticks.position[5:] - outcome.run.motion.position[5:]
         yield Figure("distance left in the tick of a jump through air", float(np.abs(away).max()), 1e-9, "m")
 
@@ -165,9 +156,10 @@ def bad_samples(seed: int) -> Runs:
 def _judge_samples(like: str) -> Judge:
     """Judge what is told of samples; `like` names a run that is to come out like the one before it."""
 
-    def judge(outcome: Outcome) -> Figures:
+    def judge(outcome: Outcome) -> Iterable[Figure]:
         if like:
-            yield Figure(f"difference to {like}", outcome.apart_from(outcome.before[-1]), 0.0, "m")
+            apart = float(np.linalg.norm(outcome.points - outcome.before[-1].points, axis=-1).max())
+            yield Figure(f"difference to {like}", apart, 0.0, "m")
         if like == LATE:
             runs = (*outcome.before, outcome)
             wrong = ((run.ticks.status & STATUS_INPUT_INVALID > 0) == sound_samples(run.run.motion) for run in runs)
@@ -199,7 +191,7 @@ def never_touches(seed: int) -> Runs:
     yield ball_run("half a metre away", motion, judge=_judge_never)
 
 
-def _judge_never(outcome: Outcome) -> Figures:
+def _judge_never(outcome: Outcome) -> Iterable[Figure]:
     work = outcome.ticks.work[1:].mean(axis=0)
     away = np.abs(outcome.ticks.position - outcome.run.motion.position).max()
     yield Figure("distance left", float(away), 1e-12, "m")
@@ -228,7 +220,7 @@ def _same(
     usual ones, and turned by a rotation (3, 3).
     """
 
-    def judge(outcome: Outcome) -> Figures:
+    def judge(outcome: Outcome) -> Iterable[Figure]:
         usual, name = outcome.before[0], outcome.run.name
         most = np.linalg.norm(usual.ticks.total, axis=1).max()
         moved = np.linalg.norm(back(outcome.points) - usual.points, axis=-1).max() / usual.run.hand.hand_length
@@ -382,7 +374,7 @@ def _around(pressed: HandConfiguration, ticks: int) -> HandConfiguration:
     return motion
 
 
-def _judge_loop(outcome: Outcome) -> Figures:
+def _judge_loop(outcome: Outcome) -> Iterable[Figure]:
     # From the second loop on: nothing came before the first one. Memory is compared within a run: each run has a solver
     # of its own.
     name, memory = outcome.run.name, outcome.memory

@@ -284,3 +284,8 @@ def threaded(joints: FloatArray, center: FloatArray, axis: FloatArray, radius: f
         where = joints[:, :-1] + share[..., None] * (joints[:, 1:] - joints[:, :-1]) - center
         inside = (before * after <= 0.0) & (np.linalg.norm(where, axis=-1) < radius)
     return np.asarray(inside.sum(axis=1) % 2 == 1)
+
+
+def largest_step(points: ArrayLike) -> float:
+    """Return the largest way of a point from one tick to the next [m]; points of shape (T, ..., 3)."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=-1).max())

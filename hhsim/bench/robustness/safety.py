@@ -7,7 +7,7 @@ distances at its end say so.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +29,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, QpStatus, solve
 from hhsim.system.settings_file import Names
 from hhsim.trees.sphere_tree import SphereTree
-from hhsim.verify import contacts
-from hhsim.verify.contacts import PALM, Pairs
+from hhsim.verify.contacts import PALM, Pairs, Pieces, near_pairs
 from hhsim.verify.kinematics import OwnHand, Posed, pose
 
 Pose = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
@@ -49,30 +48,22 @@ MOST_CHECKS = 40
 """Different stuck ticks of a run, or of a block of it, that are examined; those beyond count as having a way out."""
 
 
-class Pieces(NamedTuple):
-    """Pieces of an object's surface, world; `triangles` is None for leaf spheres."""
-
-    places: contacts.Places
-    triangles: contacts.ReadyTriangles | None
-
-    def near(self, hand: HandModel, at: HandConfiguration, limit: float) -> tuple[contacts.Pairs, Posed]:
-        """Return all pairs of a body of a hand and a piece no more than `limit` [m] apart, and the posed hand."""
-        palm = hand.palm_tree
-        sizes = (getattr(hand, name) for name in OwnHand._fields[:7])
-        own = OwnHand._make([*sizes, palm.leaf_center, palm.leaf_radius, hand.abduction_sign])
-        posed, fingers = pose(own, at), np.ones(len(FINGERS), bool)
-        if self.triangles is None:
-            return contacts.near_pairs(own, posed, self.places, fingers, limit), posed
-        return contacts.near_triangle_pairs(own, posed, self.triangles, self.places, fingers, limit), posed
-
-
 def pieces_of(surface: str, mesh: Mesh | None, tree: SphereTree | None) -> Pieces:
     """Return the pieces of a surface by its name, in the frame of mesh and tree; InputError if there is no such one."""
     if surface == "spheres" and tree is not None:
-        return Pieces(contacts.ball_places(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius)), None)
+        return Pieces.of_balls(np.asarray(tree.leaf_center), np.asarray(tree.leaf_radius))
     if surface == "mesh" and mesh is not None:
-        return Pieces(contacts.triangle_places(mesh.triangles), contacts.ready_triangles(mesh.triangles))
+        return Pieces.of_triangles(mesh.triangles)
     raise InputError(f"this object has no {surface}")
+
+
+def pairs_near(hand: HandModel, pieces: Pieces, at: HandConfiguration, limit: float) -> tuple[Pairs, Posed]:
+    """Return all pairs of a body of a hand and a piece no more than `limit` [m] apart, and the posed hand."""
+    palm = hand.palm_tree
+    sizes = (getattr(hand, name) for name in OwnHand._fields[:7])
+    own = OwnHand._make([*sizes, palm.leaf_center, palm.leaf_radius, hand.abduction_sign])
+    posed = pose(own, at)
+    return near_pairs(own, posed, pieces, np.ones(len(FINGERS), bool), limit), posed
 
 
 def stuck_with_way_out(
@@ -110,7 +101,7 @@ def way_out(
         return 0.0
     clipped = target * min(1.0, options.margin / longest)
     near = 4.0 * options.margin
-    pairs, posed = pieces.near(hand, graphic, near)
+    pairs, posed = pairs_near(hand, pieces, graphic, near)
     distance, limits = pairs.distance, np.concatenate([np.zeros((15, 6)), np.eye(15)], axis=1)
     bounds = np.concatenate([(hand.flexion_min - here[2]).ravel(), (here[2] - hand.flexion_max).ravel()])
     # A little clear of what touches: the second order of a short step then cannot take it in.
@@ -137,7 +128,8 @@ def way_out(
         there = _moved(here, share * solution.x)
         gained = energy(target) - energy(_between(hand, there, goal))
         if gained > 0.1 * share * promised:
-            moved = pieces.near(hand, HandConfiguration(*(np.array(values)[None] for values in there)), near)[0]
+            at = HandConfiguration(*(np.array(values)[None] for values in there))
+            moved = pairs_near(hand, pieces, at, near)[0]
             if moved.distance.min(initial=np.inf) >= deepest:
                 return share
     return 0.0

@@ -11,17 +11,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from hhsim.bench.paper.figures import draw_all
-from hhsim.bench.paper.run import (
-    PaperRuns,
-    Scenario,
-    SceneRun,
-    Stage,
-    at_contacts,
-    make_stage,
-    paper_scenarios,
-    play,
-    play_again,
-)
+from hhsim.bench.paper.run import PaperRuns, SceneRun, Stage, at_contacts, make_stage, paper_scenarios, play, play_again
 from hhsim.bench.paper.table import case_table, paper_rows
 from hhsim.bench.suite import Row, Suite
 from hhsim.errors import check_known
@@ -92,7 +82,14 @@ class Paper(Suite):
         for solver in solvers:
             warm_up(hand, solver)
         scenarios = [s for s in paper_scenarios() if self.objects is None or s.object_name in self.objects]
-        stages = make_stages(scenarios, hand, self.level, self.instances, self.seed, progress)
+        trees, stages = dict[str, SphereTree](), list[Stage]()
+        for number, scenario in enumerate(scenarios):
+            if scenario.object_name not in trees:
+                item = load_object(scenario.object_name)
+                options = TreeOptions(level=item.paper_level if self.level is None else self.level)
+                trees[scenario.object_name] = cached_sphere_tree(item.mesh, options, progress, usual_threads())
+            progress("hands placed", number, len(scenarios))
+            stages.append(make_stage(scenario, hand, trees[scenario.object_name], self.instances, self.seed))
         found = [_Cell(stage, solver) for stage in stages for solver in solvers]
         for case, wanted in CONTACTS.items():
             named = (stage for stage in stages if (stage.scenario.case, stage.scenario.object_name) == (case, "bunny"))
@@ -108,7 +105,7 @@ class Paper(Suite):
 
     def rows(self, figures: Sequence[SceneRun]) -> list[Row]:
         """Return the rows of the paper's figures."""
-        return paper_rows(PaperRuns.of_all(figures), self.methods, self.whole)
+        return paper_rows(PaperRuns(figures), self.methods, self.whole)
 
     def tables(self, rows: Sequence[Row], figures: Sequence[SceneRun]) -> list[Table]:
         """Return a line for each figure: for each method the figure, and how many times it is below the paper's."""
@@ -136,7 +133,7 @@ class Paper(Suite):
             Table.of_cells(headings, cells, title, numbers=numbers),
             Table((words("what", "label"), words("how it was measured", "note")), how, f"How ({last})"),
         ]
-        cases = case_table(PaperRuns.of_all(figures).scenes)
+        cases = case_table(figures)
         return [*found, cases] if cases.rows else found
 
     def missed(self, rows: Sequence[Row]) -> list[str]:
@@ -159,23 +156,7 @@ class Paper(Suite):
         self, path: Path, rows: Sequence[Row], figures: Sequence[SceneRun], progress: Progress, note: str
     ) -> list[Path]:
         """Draw Figs. 11 to 15 in a folder."""
-        return draw_all(path, PaperRuns.of_all(figures), progress, note)
-
-
-def make_stages(
-    scenarios: Sequence[Scenario], hand: HandModel, level: int | None, instances: int, seed: int, progress: Progress
-) -> list[Stage]:
-    """Return the stages of scenes, on trees of a level or the paper's; TrajectoryError if a motion cannot be done."""
-    trees: dict[str, SphereTree] = {}
-    stages = []
-    for number, scenario in enumerate(scenarios):
-        if scenario.object_name not in trees:
-            item = load_object(scenario.object_name)
-            wanted = TreeOptions(level=item.paper_level if level is None else level)
-            trees[scenario.object_name] = cached_sphere_tree(item.mesh, wanted, progress, usual_threads())
-        progress("hands placed", number, len(scenarios))
-        stages.append(make_stage(scenario, hand, trees[scenario.object_name], instances, seed))
-    return stages
+        return draw_all(path, PaperRuns(figures), progress, note)
 
 
 def _shown(value: float, unit: str) -> str:

@@ -10,7 +10,7 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.bench.robustness.objects import INDEX, POINTING, joined_mesh, roof_mesh, sheet_mesh
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
-from hhsim.bench.robustness.safety import Pieces, _moved, distance_rows, pieces_of, way_out
+from hhsim.bench.robustness.safety import _moved, distance_rows, pairs_near, pieces_of, way_out
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
@@ -22,7 +22,7 @@ from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.verify.contacts import PALM
+from hhsim.verify.contacts import PALM, Pieces
 
 pytestmark = pytest.mark.slow
 
@@ -46,12 +46,12 @@ FINE = joined_mesh([sheet_mesh(0.008, 0.008).transformed(np.eye(3), (x, y, 0.0))
 def test_the_rows_are_the_derivatives_of_the_distances(surface: str, height: float) -> None:
     pieces, step = pieces_of(surface, roof_mesh(0.3, 0.03, 0.05), BALL), 1e-6
     here = still((0.001, -0.03, height), quaternion(np.array([0.1, 0.05, 0.3])), 0.4, 0.1)
-    pairs, posed = pieces.near(HAND, here, 0.03)
+    pairs, posed = pairs_near(HAND, pieces, here, 0.03)
     outside = np.flatnonzero((pairs.distance > 1e-3) & (pairs.distance < 0.02))
     assert {PALM, 1, 2} <= set(pairs.body[outside].tolist())
 
     def least(moved: HandConfiguration) -> dict[tuple[int, int], float]:
-        found = pieces.near(HAND, moved, 0.04)[0]
+        found = pairs_near(HAND, pieces, moved, 0.04)[0]
         order = np.argsort(-found.distance)
         return dict(zip(zip(found.body[order].tolist(), found.leaf[order].tolist()), found.distance[order].tolist()))
 

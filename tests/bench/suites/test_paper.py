@@ -13,18 +13,7 @@ import pytest
 from conftest import Run
 
 from hhsim.bench.paper import figures as paper_figures
-from hhsim.bench.paper.run import (
-    COUNTS,
-    GLOVE,
-    NOISES,
-    PaperRuns,
-    Scenario,
-    SceneRun,
-    held_ticks,
-    make_stage,
-    play,
-    play_again,
-)
+from hhsim.bench.paper.run import COUNTS, GLOVE, NOISES, PaperRuns, Scenario, held_ticks, make_stage, play, play_again
 from hhsim.bench.paper.table import paper_row, paper_rows
 from hhsim.bench.suite import Row, run_cells
 from hhsim.bench.suites.paper import Paper
@@ -47,7 +36,7 @@ OPTIONS = Paper.planned(methods=("coupled", "paper"), objects=("cube", "bunny"),
 
 @pytest.fixture(scope="module")
 def runs() -> PaperRuns:
-    return PaperRuns.of_all(list(run_cells(OPTIONS)))
+    return PaperRuns(run_cells(OPTIONS))
 
 
 def row(runs: PaperRuns, name: str, method: str = "coupled") -> Row:
@@ -58,13 +47,13 @@ def row(runs: PaperRuns, name: str, method: str = "coupled") -> Row:
 
 @pytest.mark.soak
 def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
-    scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs.scenes]
+    scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs if not run.case]
     expected = {"11": ("cube", 3), "sliding": ("cube", 1), "13": ("bunny", 3), "14": ("bunny", 1), "15": ("bunny", 4)}
     for figure, (name, count) in expected.items():
         for method in OPTIONS.methods:
             assert scenes.count((figure, name, method)) == count
     assert len(scenes) == 2 * sum(count for _, count in expected.values())
-    assert [(found.case, found.options.method) for found in runs.at_contacts] == [
+    assert [(found.case, found.options.method) for found in runs if found.case] == [
         (case, method) for case in ("TF", "WH") for method in OPTIONS.methods
     ]
 
@@ -116,8 +105,8 @@ def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
     monkeypatch.setattr(paper_figures, "TILE", 40)
     monkeypatch.setattr(paper_figures, "draw_scene", lambda *_: None)
     monkeypatch.setattr(paper_figures, "save_figure", lambda figure, *_, **__: drawn.append(figure))
-    some = [run for run in runs.scenes if run.scenario.motion == "ear-to-ear"]
-    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()), note="quick run")
+    some = [run for run in runs if not run.case and run.scenario.motion == "ear-to-ear"]
+    paper_figures.draw_all(tmp_path, PaperRuns(some), note="quick run")
     forces = [axes for axes in drawn[0].axes if axes.get_title(loc="left") in OPTIONS.methods]
     assert len(forces) == 2 and len({axes.get_ylim() for axes in forces}) == 1
     assert "quick run" in [text.get_text() for text in drawn[0].texts]
@@ -125,7 +114,7 @@ def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
     more = [
         replace(run, options=replace(run.options, method=name)) for run in some for name in ("progressive", "penalty")
     ]
-    paper_figures.draw_all(tmp_path, PaperRuns((*some, *more[:2]), ()), note="quick run")
+    paper_figures.draw_all(tmp_path, PaperRuns((*some, *more[:2])), note="quick run")
     figure = drawn[1]
     named = [text for axes in figure.axes for text in (axes._left_title, axes.title, *axes.texts)]
     boxes = [(text.get_text(), text.get_window_extent()) for text in (*named, *figure.texts) if text.get_text()]
@@ -147,7 +136,7 @@ def test_pictures_show_paper_beside_coupled_and_forces_in_red(
     drawn: list[tuple[str, str, int]] = []
     draw = paper_figures.draw_scene
 
-    def spy(axes: Any, run: SceneRun, *given: Any) -> None:
+    def spy(axes: Any, run: Any, *given: Any) -> None:
         draw(axes, run, *given)
         forces = given[4] if len(given) > 4 else ()
         image = np.asarray(axes.get_images()[0].get_array())
@@ -156,8 +145,8 @@ def test_pictures_show_paper_beside_coupled_and_forces_in_red(
         drawn.append((run.scenario.figure, run.options.method, len(forces)))
 
     monkeypatch.setattr(paper_figures, "draw_scene", spy)
-    some = [run for run in runs.scenes if run.scenario.motion in ("touch", "ear-to-ear")]
-    paper_figures.draw_all(tmp_path, PaperRuns(tuple(some), ()))
+    some = [run for run in runs if not run.case and run.scenario.motion in ("touch", "ear-to-ear")]
+    paper_figures.draw_all(tmp_path, PaperRuns(some))
     pairs = [method for figure, method, _ in drawn if figure == "11"]
     assert pairs == ["paper", "coupled"]
     pushed = [one for one in drawn if one[0] == "14"]
@@ -171,13 +160,13 @@ def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> 
 
 
 def test_the_margin_brings_about_as_many_contacts_as_the_paper_states(runs: PaperRuns) -> None:
-    for found in runs.at_contacts:
+    for found in (run for run in runs if run.case):
         count = found.candidates[held_ticks(found.stage)].mean()
         assert count == pytest.approx(found.wanted, rel=0.1)
 
 
 def test_a_repetition_that_differs_is_an_error(runs: PaperRuns) -> None:
-    run = replace(runs.scenes[0], digest="other", times=[])
+    run = replace(runs[0], digest="other", times=[])
     with pytest.raises(HhsimError, match="a repetition gave another hand"):
         play_again(run)
 
