@@ -35,7 +35,7 @@ from hhsim.hand.model import SIDES
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.deadlines import DEADLINES, MISSES, PHASE, account_steal, account_waking, begin_periods
 from hhsim.kernels.live.finger_command import COMMANDER, DRY_RUN, INTERLOCK
-from hhsim.kernels.live.loop import ASKS_PYTHON, DRIVERS, SystemFiles, run_loop
+from hhsim.kernels.live.loop import ASKS_PYTHON, SystemFiles, run_loop
 from hhsim.kernels.live.plausibility import NOTES, WATCH, begin_watch
 from hhsim.kernels.parallel.thread_team import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock
@@ -43,10 +43,10 @@ from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import open_device
-from hhsim.live.processes import Stage, exit_code
+from hhsim.live.processes import Stage, exit_code, process_setup
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
-from hhsim.live.session.memory import SessionMemory, session_process
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
@@ -127,11 +127,6 @@ def watch_record(info: GloveInfo) -> Any:
     watch[0].noiseless = info.noiseless
     begin_watch(watch[0])
     return watch
-
-
-NO_FILES = SystemFiles(
-    np.full(DRIVERS, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
-)
 
 
 def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
@@ -257,10 +252,11 @@ class LiveLoop:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
         self._address = self.one_tick.address
         compiled: Any = run_loop
-        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
-        self._run = compiled.entry(*given)
+        hands = tuple(hand.live for hand in self.hands)
         with contextlib.closing(CpuAccounts()) as accounts:
             accounts.totals()
+            given = accounts.files(-1), self.world, self._address, self.one_tick.arguments
+            self._run = compiled.entry(hands, *given)
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
@@ -462,8 +458,7 @@ def run_real_time(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the loop of a session; returns the exit code."""
-    setup: LiveSetup
-    setup, memory = session_process("loop", arguments)
+    setup, memory = process_setup("loop", arguments)
     ending = Ending()
 
     def body() -> None:

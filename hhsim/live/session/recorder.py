@@ -28,10 +28,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
-from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code
+from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code, process_setup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
+from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader
 from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
@@ -52,7 +52,6 @@ from hhsim.result.schema import (
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     TICK,
-    Column,
     hand_tables,
     sample_columns,
 )
@@ -143,7 +142,9 @@ class HandRecords:
         self.tally = LiveTally()
         self.penetration_max = 0.0
         self._channels = len(facts.get("device", {}).get("channels", ()))
-        self._sample_columns = sample_columns(self._channels)
+        # Table of each ring, and its columns.
+        columns = LIVE_TICK_COLUMNS, sample_columns(self._channels), EVENT_COLUMNS
+        self._tables = dict(zip(RINGS, zip((LIVE_TICK, LIVE_SAMPLE, LIVE_EVENT), columns)))
 
     def part(self, described: Mapping[str, Any]) -> HandPart:
         """Return the hand of a file, whose scene is described."""
@@ -160,8 +161,7 @@ class HandRecords:
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             **self.attributes(np.zeros(0), ""),
         }
-        tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
-        return HandPart(described, hand_arrays(self.model), tables, header)
+        return HandPart(described, hand_arrays(self.model), dict(self._tables.values()), header)
 
     def attributes(self, counters: AnyArray, ended: str) -> dict[str, str | int]:
         """Return the attributes of /live that change while the session runs."""
@@ -177,17 +177,20 @@ class HandRecords:
     def tables(self, taken: Taken) -> dict[str, dict[str, AnyArray]]:
         """Return the rows of /live."""
         found = {}
-        if "ticks" in taken:
-            found[LIVE_TICK] = _numbered(LIVE_TICK_COLUMNS, *taken["ticks"])
-        if "samples" in taken:
-            channels = taken["samples"][1]["channels"][:, : self._channels]
-            found[LIVE_SAMPLE] = _numbered(self._sample_columns, *taken["samples"]) | {"channel": channels}
-        if "events" in taken:
-            rows = found[LIVE_EVENT] = _fields(EVENT_COLUMNS, taken["events"][1])
-            # In its own table a hand needs no name.
-            own = [text.removeprefix(f"{self.side} hand: ".encode()) for text in rows["text"].tolist()]
-            rows["text"] = np.array(own, rows["text"].dtype)
-        return {f"{HANDS}/{self.side}/{table}": rows for table, rows in found.items()}
+        for ring, (first, records) in taken.items():
+            table, columns = self._tables[ring]
+            rows = found[f"{HANDS}/{self.side}/{table}"] = {
+                column.name: column.taken(records) for column in columns if column.source
+            }
+            if ring != "events":
+                rows["record"] = np.arange(first, first + len(records))
+            if ring == "samples":
+                rows["channel"] = records["channels"][:, : self._channels]
+            if ring == "events":
+                # In its own table a hand needs no name.
+                own = [text.removeprefix(f"{self.side} hand: ".encode()) for text in rows["text"].tolist()]
+                rows["text"] = np.array(own, rows["text"].dtype)
+        return found
 
 
 class SessionWriter:
@@ -284,14 +287,6 @@ class SessionWriter:
         )
 
 
-def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
-    return {column.name: column.taken(records) for column in columns if column.source}
-
-
-def _numbered(columns: Sequence[Column], first: int, records: Records) -> dict[str, AnyArray]:
-    return {"record": np.arange(first, first + len(records)), **_fields(columns, records)}
-
-
 def as_text(value: Any) -> str:
     """Return plain values as the JSON text of an attribute."""
     return json.dumps(value, sort_keys=True, ensure_ascii=False)
@@ -386,8 +381,7 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    setup: LiveSetup
-    setup, memory = session_process("recorder", arguments)
+    setup, memory = process_setup("recorder", arguments)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)
