@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -193,8 +193,8 @@ class HandRecords:
         return found
 
 
-class SessionWriter:
-    """Writes records of the rings block by block; OutputError without a file.
+class SessionWriter(ResultWriter):
+    """Writes records of the rings block by block, then `complete`; OutputError without a file.
 
     `options` are those that the loop solves with, `facts` the `SessionMemory.facts` of each hand before the session
     ran. `empty` is True if neither a tick nor a sample has come.
@@ -220,18 +220,7 @@ class SessionWriter:
             }
             parts[str(hand.side)] = hand.part(described)
         between = BETWEEN_COLUMNS if self._both else ()
-        self._writer = ResultWriter(path, hands=parts, bodies=bodies, columns=between, command=setup.command)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._writer.__exit__(*error)
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks written so far."""
-        return self._writer.ticks
+        super().__init__(path, hands=parts, bodies=bodies, columns=between, command=setup.command)
 
     def write(self, taken: Sequence[Taken], counters: AnyArray, ended: str = "") -> None:
         """Write the records of each hand, with `counters` of the devices and a reason if the recording ends here.
@@ -241,7 +230,7 @@ class SessionWriter:
         """
         taken = [{ring: block for ring, block in of.items() if len(block[1])} for of in taken]
         self.empty = self.empty and not any(of.keys() - {"events"} for of in taken)
-        tables = self._tables(self._writer.ticks, [of["ticks"] for of in taken]) if "ticks" in taken[0] else {}
+        tables = self._tick_tables([of["ticks"] for of in taken]) if "ticks" in taken[0] else {}
         # A tick counts as written with its row of live/tick: its contacts come before that.
         for hand, of in zip(self.hands, taken):
             tables |= hand.tables(of)
@@ -249,10 +238,10 @@ class SessionWriter:
             f"{HANDS}/{hand.side}/{LIVE}": hand.attributes(of, ended)
             for hand, of in zip(self.hands, np.atleast_2d(counters), strict=True)
         }
-        self._writer.append(tables, attributes)
+        self.append(tables, attributes)
 
-    def _tables(self, row: int, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
-        """Return the rows of ticks of all hands; `row` is the number of the first one in the file."""
+    def _tick_tables(self, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the next ticks of all hands."""
         of_bodies = blocks[0][1]
         if self._began < 0:
             self._began = int(of_bodies["time_ns"][0])
@@ -271,15 +260,15 @@ class SessionWriter:
         models = [hand.model for hand in self.hands]
         for column in BETWEEN_COLUMNS if self._both else ():
             tables[TICK][column.name] = distance_of_hands(models, placed[column.name.rpartition("/")[2]])
-        return {**tables, CONTACT: self.hands[0].columns.contacts(row, of_bodies)}
+        return {**tables, CONTACT: self.hands[0].columns.contacts(self.ticks, of_bodies)}
 
-    def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
+    def complete(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the summary, and mark the file complete.
 
         `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
         self.write([{} for _ in self.hands], counters, ended)
-        return self._writer.finish(
+        return self.finish(
             {
                 hand.side: session_figures(hand.tally, missed, missed_by, hand.penetration_max, hand.lost)
                 for hand in self.hands
@@ -336,7 +325,7 @@ class Recorder:
                 writer.write([{} for _ in writer.hands], self._counters, ended)
                 return
             status = self._memory.status
-            writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
+            writer.complete(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
 
     @property
     def _counters(self) -> AnyArray:
