@@ -58,10 +58,8 @@ from hhsim.solver.workspace import zeroed
 
 NEVER = 1 << 60
 """More periods than a session can miss."""
-PLACE_SECONDS = 0.001
-"""Period at which `LiveLoop.place` looks for a hand to place [s]."""
 TELL_SECONDS = 0.02
-"""Period at which the loop's notes are logged [s]."""
+"""Period at which the loop's notes are logged, and hands that it waits for are placed [s]."""
 DRIVER_PATIENCE = 10.0
 """Time that the driver has to release the glove and end [s]."""
 SWITCH_SECONDS = 0.0005
@@ -209,11 +207,6 @@ class LiveLoop:
         self._run: Any = None
 
     @property
-    def compiled(self) -> bool:
-        """True if no tick needs Python."""
-        return self._address != 0
-
-    @property
     def stopped(self) -> str:
         """Reason why the loop is to end, "" while it goes on."""
         reasons = {tick.STOP_SIGNAL: self._signal, tick.STOP_ASKED: self._requested(), tick.STOP_DURATION: "duration"}
@@ -234,7 +227,7 @@ class LiveLoop:
     def run(self, cpu: int = -1) -> str:
         """Run until it is stopped, then free the fingers; returns the reason for its end.
 
-        `prepare` has to come before; other threads call `place` and `tell`. `cpu` is the processor that the calling
+        `prepare` has to come before; another thread calls `place` and `tell`. `cpu` is the processor that the calling
         thread stays on, -1 for any.
         """
         try:
@@ -262,15 +255,13 @@ class LiveLoop:
         store_release(placing, 0, load_acquire(placing, 0))
 
     def place(self) -> None:
-        """Wait for the user's hands and put the shown ones at the nearest free place; returns then, or at the end.
+        """Put the shown hands at the nearest free place if the compiled loop waits for it; in another thread.
 
-        In another thread than the loop's if it is `compiled`: this takes many periods for a hand that begins inside.
+        This takes many periods for a hand that begins inside.
         """
-        placing, status = self.at.placing, self.memory.status
-        while load_acquire(placing, 0) != tick.PLACING:
-            if status["stage"] >= Stage.ENDING:
-                return
-            time.sleep(PLACE_SECONDS)
+        placing = self.at.placing
+        if load_acquire(placing, 0) != tick.PLACING:
+            return
         try:
             for hand, start in zip(self.hands, self.one_tick.begin([hand.haptic for hand in self.hands])):
                 hand.at.placed = start
@@ -355,8 +346,9 @@ class Ending:
 def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the gloves released.
 
-    The loop has its own thread, in which compiled code runs, and so has each driver; the calling one logs the loop's
-    notes. HhsimError if a glove or a pose cannot be reached, or if a driver has failed.
+    The loop has its own thread, in which compiled code runs, and so has each driver; the calling one places the hands
+    at the beginning, and logs the loop's notes. HhsimError if a glove or a pose cannot be reached, or if a driver has
+    failed.
     """
     make_ready(setup, memory)
     drivers = []
@@ -394,10 +386,9 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None
     carrying = [threading.Thread(target=driver.run, args=(beside, begin), daemon=True) for driver in drivers]
     for other in carrying:
         other.start()
-    if loop.compiled:
-        threading.Thread(target=loop.place, name="hhsim-place", daemon=True).start()
     died = ""
     while thread.is_alive():
+        loop.place()
         loop.tell()
         died = next((f"the glove's driver {driver.failed}" for driver in drivers if driver.failed), "")
         if died and not loop.stopped:
