@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from sphere_scenes import bumpy_ball
 
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.block import HapticBlock
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import SharedRing, Stage
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import LIVE_TICK, SessionMemory
 from hhsim.live.session.setup import LiveSetup, WornGlove
+from hhsim.result.safety import Safety
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.workspace import tick_record
 from tools.shapes.generators import sphere
 
 Records = NDArray[Any]
@@ -80,22 +80,19 @@ def solved_ticks(setup: LiveSetup) -> Records:
     """700 ticks as the loop publishes them: a grasp."""
     ticks = grasp().hands[0].ticks
     solver = HandSolver(setup.worn[0].model, setup.seen.tree.arrays(), loop_options(setup.options, setup.rate))
-    rows = np.zeros(700, LIVE_TICK)
-    for i, row in enumerate(rows):
-        haptic = HapticBlock(*(getattr(ticks, name)[i : i + 1] for name in HapticBlock._fields))
-        record = tick_record(1)
-        solver.tick(haptic, record)
-        for name, values in record._asdict().items():
-            row[name] = values[0]
-        for name, values in zip(("position", "orientation", "flexion", "abduction"), haptic):
-            row[f"haptic_{name}"] = values[0]
-        row["tick"] = i
-        row["time_ns"] = BEGAN + PERIOD * i
-        row["wakeup_ns"] = 1000 + i
-        row["latency_ns"] = 20_000 + i if i % SAMPLE_TICKS == 0 else -1
-        row["input_seq"] = i // SAMPLE_TICKS
-        row["command_bend"] = 0.001 * i
-        row["safety"] = 256 if i == 0 else 0
+    haptic = {name: getattr(ticks, name)[:700] for name in HandConfiguration._fields}
+    fields = solver.run(*haptic.values())._asdict()
+    fields |= {f"haptic_{name}": values for name, values in haptic.items()}
+    rows, count = np.zeros(700, LIVE_TICK), np.arange(700)
+    for name, values in fields.items():
+        rows[name] = values
+    rows["tick"] = count
+    rows["time_ns"] = BEGAN + PERIOD * count
+    rows["wakeup_ns"] = 1000 + count
+    rows["latency_ns"] = np.where(count % SAMPLE_TICKS == 0, 20_000 + count, -1)
+    rows["input_seq"] = count // SAMPLE_TICKS
+    rows["command_bend"] = 0.001 * count[:, None]
+    rows["safety"][0] = Safety.NO_INPUT_YET
     return rows
 
 

@@ -32,7 +32,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -58,21 +58,6 @@ MOST_UNSENT = 1 << 18
 """Unsent bytes from which on a client gets no further frames."""
 
 
-class Impedance(NamedTuple):
-    """Command to the fingers of one glove.
-
-    Attributes:
-        stiffness: Stiffness of thumb to little finger, 0 (free) to 1.
-        set_point: Bend at which a force begins, 0 to 1; positive against closing, negative against opening.
-        kept: True if the server may not drop the command for a newer one (has_index).
-    """
-
-    device_id: int
-    stiffness: tuple[float, ...]
-    set_point: tuple[float, ...]
-    kept: bool
-
-
 def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
     """Encode a frame as the server sends it, without its length."""
     messages = []
@@ -85,18 +70,6 @@ def encode_frame(gloves: Iterable[GloveMessage]) -> bytes:
         messages.append(message)
     data: bytes = message_classes()["Frame"](messages=messages).SerializeToString()
     return data
-
-
-def decode_impedances(payload: bytes) -> list[Impedance]:
-    """Return the impedances of a command, 0 for fingers that it does not name; raises WireError if it is none."""
-    command = parse_message("Command", payload)
-    found = []
-    for impedance in command.impedance:
-        fingers = [getattr(impedance, name) for name in FINGER_FIELDS]
-        stiffness = tuple(finger.stiffness for finger in fingers)
-        set_point = tuple(finger.set_point for finger in fingers)
-        found.append(Impedance(command.id, stiffness, set_point, impedance.has_index))
-    return found
 
 
 def fake_channels(seed: int, time: float) -> FloatArray:
@@ -268,9 +241,12 @@ class FakeDexmoServer:
         client.waiting += data
         try:
             while (payload := next_message(client.waiting)) is not None:
-                for one in decode_impedances(payload):
-                    row = [client.number, one.device_id, one.kept, *one.stiffness, *one.set_point]
-                    self._write("command", row, now)
+                command = parse_message("Command", payload)
+                for impedance in command.impedance:
+                    # 0 for fingers that it does not name.
+                    fingers = [getattr(impedance, name) for name in FINGER_FIELDS]
+                    told = [getattr(finger, name) for name in ("stiffness", "set_point") for finger in fingers]
+                    self._write("command", [client.number, command.id, impedance.has_index, *told], now)
         except HhsimError:
             self._write("note", ["not a command from", client.number])
             self._drop(end)

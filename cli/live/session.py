@@ -116,11 +116,11 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
     stiff = [f"{name} {k:.2f}" for name, k in zip(FINGERS, status["command_stiffness"], strict=True) if k > 0.0]
     free = why_free(int(status["safety"]))
     battery = int(status["battery"])
-    sample = int(status["sample_ns"])
-    done, missed = int(status["ticks"]), int(status["missed"])
     # The loop runs meanwhile: a sample may be newer than the reading of the clock.
-    age = 1e-6 * max(0, now_ns - sample)
-    since = f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"
+    age = 1e-6 * max(0, now_ns - int(status["sample_ns"]))
+    sample = f"last sample {f'{age:,.0f} ms' if age < 1e4 else f'{1e-3 * age:,.0f} s'} ago"
+    sample = sample if status["sample_ns"] > 0 else "no sample yet"
+    done, missed = int(status["ticks"]), int(status["missed"])
     rows = [
         ("rate", f"{tally.rate:,.0f} Hz, {missed:,} of {done + missed:,} ticks missed"),
         ("wake-up", _two(tally.wakeup)),
@@ -128,7 +128,7 @@ def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) ->
         ("contacts", f"{int(status['contacts']):,}"),
         ("force [N]", forces),
         ("fingers", f"free: {free}" if free else f"resisting: {', '.join(stiff)}" if stiff else "nothing to resist"),
-        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {since if sample > 0 else 'no sample yet'}"),
+        ("glove", f"battery {f'{battery} %' if battery >= 0 else NONE}, {sample}"),
     ]
     if recording:
         lost = int(status["recorder_lost"])
@@ -187,7 +187,8 @@ def _keys(descriptor: int) -> str | None:
 def run_session(setup: "LiveSetup", heading: str, *, quiet: bool) -> "SessionOutcome":
     """Run a session to its end; its display has the title `heading`, and is warnings and faults alone if `quiet`."""
     from hhsim.live.drivers.poses import HELP, PalmKeys, write_keyboard_pose
-    from hhsim.live.session.supervisor import Supervisor, stop_signals
+    from hhsim.live.processes import stop_signals
+    from hhsim.live.session.supervisor import Supervisor
 
     pose = setup.worn[0].pose
     by_keys, palm = pose.kind == "keyboard", PalmKeys(pose.position, pose.orientation)

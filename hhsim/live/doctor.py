@@ -27,8 +27,6 @@ MOST_IN_A_ROW = 9
 ONE_ALONE = 1
 """Missed periods that are always allowed: a short look cannot tell one from none."""
 QUICK_SECONDS = 0.3
-SPREAD = (("p50", 50.0), ("p99.9", 99.9), ("longest", 100.0))
-"""Percentiles of the table that decide nothing."""
 NOT_TOLD = "not told"
 """Value of what the system does not report."""
 HOST_ADVICE = "the host took the processor: nothing set in here helps; a machine, or a processor, of one's own"
@@ -71,20 +69,21 @@ class Wakeups:
         """Number of deadlines, missed ones included."""
         return len(self.late) + self.missed
 
-    def percentile(self, percent: float) -> float:
-        """Return the lateness [s] that `percent` of the wake-ups do not exceed, the nearest rank."""
-        return 1e-9 * float(np.percentile(self.late, percent, method="inverted_cdf"))
-
     @property
     def rows(self) -> list[Row]:
         """Rows of the table; the first three have limits and decide the verdict."""
         allowed = int(max(MOST_MISSED * self.periods, ONE_ALONE))
+        # By the nearest rank [µs].
+        percentiles = 1e6 * (1e-9 * np.percentile(self.late, (50.0, 99.0, 99.9, 100.0), method="inverted_cdf"))
+        p50, p99, p999, longest = percentiles.tolist()
         accounts = (("run delay", self.run_delay), ("steal (the host had it)", self.steal))
         return [
             Row("missed periods", self.missed, float(allowed)),
             Row("missed in a row", self.streak, MOST_IN_A_ROW),
-            Row("wake-up, p99", 1e6 * self.percentile(99.0), 1e6 * MOST_LATE / self.rate, "µs"),
-            *(Row(f"wake-up, {name}", 1e6 * self.percentile(percent), unit="µs") for name, percent in SPREAD),
+            Row("wake-up, p99", p99, 1e6 * MOST_LATE / self.rate, "µs"),
+            Row("wake-up, p50", p50, unit="µs"),
+            Row("wake-up, p99.9", p999, unit="µs"),
+            Row("wake-up, longest", longest, unit="µs"),
             *(Row(name, NOT_TOLD if ns is None else f"{1e-6 * ns:,.1f}", unit="ms") for name, ns in accounts),
         ]
 
@@ -144,51 +143,41 @@ def measure_wakeups(rate: float, seconds: float, wishes: RealTimeWishes) -> Wake
     stopping = threading.Event()
 
     def measure() -> Wakeups:
+        deadlines: Any = np.zeros(1, DEADLINES).view(np.recarray)[0]
+        block = np.zeros(max(1, round(BLOCK_SECONDS * rate)), np.int64)
         # The first calls compile or load the kernels, which is not waiting.
-        wait_periods(_deadlines(1_000), np.zeros(1, np.int64))
+        deadlines.period_ns = 1_000
+        wait_periods(deadlines, block[:1])
         with closing(CpuAccounts(None)) as first:
             first.totals()
+        deadlines.period_ns = period = round(1e9 / rate)
+        count, missed, streak = max(1, round(seconds * rate)), 0, 0
+        late: list[IntArray] = []
         mode = become_real_time(replace(wishes, freeze_gc=False))
         accounts = CpuAccounts(None if mode["cpu"] < 0 else mode["cpu"])
         try:
             with closing(accounts), processors_awake(wishes, mode):
-                return _wait(rate, seconds, stopping, accounts, mode)
+                before = accounts.totals()
+                while count > 0 and not stopping.is_set():
+                    waits = block[:count]
+                    missed += int(wait_periods(deadlines, waits))
+                    late.append(waits[waits != PASSED])
+                    # Deadlines that passed before a sleep could begin, or during one.
+                    in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
+                    streak = max(streak, in_a_row, int(late[-1].max(initial=0)) // period)
+                    count -= len(waits)
+                after = accounts.totals()
         finally:
             if mode["memory_locked"]:
                 unlock_memory()
+        run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in zip(before, after))
+        return Wakeups(rate, np.concatenate(late), missed, streak, run_delay, stolen, mode)
 
     with ThreadPoolExecutor(1, "hhsim-wakeups") as thread:
         try:
             return thread.submit(measure).result()
         finally:
             stopping.set()
-
-
-def _wait(
-    rate: float, seconds: float, stopping: threading.Event, accounts: CpuAccounts, mode: dict[str, Any]
-) -> Wakeups:
-    period = round(1e9 / rate)
-    count = max(1, round(seconds * rate))
-    block, deadlines = np.zeros(max(1, round(BLOCK_SECONDS * rate)), np.int64), _deadlines(period)
-    late, missed, streak = [], 0, 0
-    first = accounts.totals()
-    while count > 0 and not stopping.is_set():
-        waits = block[:count]
-        missed += int(wait_periods(deadlines, waits))
-        late.append(waits[waits != PASSED])
-        # Deadlines that passed before a sleep could begin, or during one.
-        in_a_row = int(np.diff(np.flatnonzero(np.r_[True, waits != PASSED, True])).max()) - 1
-        streak = max(streak, in_a_row, int(late[-1].max(initial=0)) // period)
-        count -= len(waits)
-    pairs = zip(first, accounts.totals(), strict=True)
-    run_delay, stolen = (None if was < 0 or now < 0 else now - was for was, now in pairs)
-    return Wakeups(rate, np.concatenate(late), missed, streak, run_delay, stolen, mode)
-
-
-def _deadlines(period: int) -> Any:
-    state = np.zeros(1, DEADLINES).view(np.recarray)
-    state.period_ns = period
-    return state[0]
 
 
 def quick_warning(rate: float, wishes: RealTimeWishes) -> str:

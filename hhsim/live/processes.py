@@ -12,10 +12,12 @@ import select
 import signal
 import subprocess
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
+from types import FrameType
 from typing import Any, Self
 
 import numpy as np
@@ -299,3 +301,41 @@ class ChildProcess:
         if self._output >= 0:
             os.close(self._output)
             self._output = -1
+
+
+WORDS = {
+    "SIGINT": "Ctrl-C",
+    "SIGTERM": "SIGTERM",
+    "SIGHUP": "the terminal is gone",
+    # A suspended session would leave the hand in the glove with nobody to watch over it.
+    "SIGTSTP": "Ctrl-Z, which ends a live session",
+    "SIGQUIT": "Ctrl-backslash",
+}
+NOT_BY_THE_USER = {WORDS[number.name]: int(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+"""Signals that come from another program or from a lost terminal, by their words."""
+
+
+@contextlib.contextmanager
+def stop_signals() -> Iterator[Callable[[], str]]:
+    """Record every signal that ends a session while the block runs; yields a function that returns the first in words.
+
+    Signals are never raised: a session has to end in order, or the fingers stay held.
+
+    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is recorded: "".
+    """
+    received: list[str] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        received.append(WORDS[signal.Signals(number).name])
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in WORDS:
+            number = signal.Signals[name]
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, note)
+    try:
+        yield lambda: received[0] if received else ""
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -125,17 +125,11 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 def write_together(contents: Mapping[Path, bytes]) -> None:
     """Write or replace files in their order, none before all are on the disk; OutputError as of `write_atomically`."""
-    partials = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
     path = Path()
     try:
-        for path, content in contents.items():
-            require_apart(path)
-            partials[path].unlink(missing_ok=True)
-            partials[path].write_bytes(content)
-        for path, partial in partials.items():
-            partial.replace(path)
+        with ExitStack() as partials:
+            # The last one that is opened is the first that takes its place.
+            for path, content in reversed(list(contents.items())):
+                partials.enter_context(partial_file(path)).write_bytes(content)
     except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        for partial in partials.values():
-            partial.unlink(missing_ok=True)
+        raise OutputError(f"cannot write {error.filename2 or path}: {error.strerror or error}") from error

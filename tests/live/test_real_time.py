@@ -11,6 +11,7 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.live import real_time
+from hhsim.live.processes import write_setup
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.session.memory import SessionMemory
 
@@ -106,7 +107,7 @@ def test_what_a_loop_uses_is_locked() -> None:
 def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
     wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
     memory = SessionMemory.create()
-    setup = memory.with_setup(make_setup(**({"real_time": wishes} | changes)))
+    setup = write_setup(make_setup(**({"real_time": wishes} | changes)), memory)
     child = subprocess.run(
         [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)],
         pass_fds=(setup, *memory.descriptors),

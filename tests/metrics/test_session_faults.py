@@ -39,7 +39,7 @@ def recorded(path: Path, ticks: np.ndarray, ended: str, *levels: int) -> Result:
     counters[COUNTERS.index("frames")], counters[COUNTERS.index("malformed")] = FRAMES, MALFORMED
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
         writer.write([{"ticks": (0, ticks), "events": (0, events)}], counters)
-        writer.finish(ended, counters, 0, {})
+        writer.complete(ended, counters, 0, {})
     return load_result(path)
 
 

@@ -56,7 +56,7 @@ def recorded(path: Path, reason: str) -> Result:
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
         counters = np.zeros(len(COUNTERS), np.int64)
         writer.write([{"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, events)}], counters)
-        writer.finish(reason, counters, 0, {})
+        writer.complete(reason, counters, 0, {})
     return load_result(path)
 
 

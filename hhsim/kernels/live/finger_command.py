@@ -123,13 +123,6 @@ def free_fingers(commander: Record) -> None:
 
 
 @jit
-def ease_fingers(commander: Record) -> None:
-    """Restart the ramp, and let the stiffness fall until it meets the ramp."""
-    commander.good_ticks = 0
-    commander.easing = 1
-
-
-@jit
 def _press(commander: Record, kept_free: NDArray[np.int64]) -> None:
     share = commander.good_ticks / commander.ramp_ticks
     still = 0

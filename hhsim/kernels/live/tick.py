@@ -20,7 +20,6 @@ from hhsim.kernels.live.finger_command import (
     OTHER_HAND,
     OVERRUN_STREAK,
     SOLVER_FAILED,
-    ease_fingers,
     free_fingers,
     judge,
     update_command,
@@ -331,7 +330,9 @@ def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
         if status & STATUS_START_INSIDE:
             note(live.notes[0], woke, as_int64(BEGAN_INSIDE), as_int64(0), as_int64(0), 0.0)
         if live.interlock[0].eases == 1:
-            ease_fingers(commander)
+            # The ramp begins anew, and the stiffness falls until it meets it.
+            commander.good_ticks = 0
+            commander.easing = 1
         loop.safety = update_command(
             commander, row.flexion[:], row.phalanx[:], row.orientation[:], loop.safety, live.watch[0].free[:]
         )

@@ -245,7 +245,7 @@ class DexmoGlove(GloveDevice):
         """See `GloveDevice.release`; opens a fresh connection where this one takes nothing."""
         if self._device_id is None:
             return False
-        sent = self._link.send_within(self._release_message(), timeout)
+        sent = self._link.send_within(encode_impedance(self._device_id, FREE, FREE, kept=True), timeout)
         self._renew()
         self.counters.commands += sent
         if sent:
@@ -364,22 +364,7 @@ class DexmoGlove(GloveDevice):
         """Send a release without waiting, where there is a glove."""
         with contextlib.suppress(DeviceError):
             if self._device_id is not None:
-                self._link.send(self._release_message(), urgent=True)
-
-    def _release_message(self) -> bytes:
-        assert self._device_id is not None
-        return encode_impedance(self._device_id, FREE, FREE, kept=True)
-
-    def _is_of_our_hand(self, glove: GloveMessage) -> bool:
-        """True if our glove's samples can be used; the first of the other hand frees the fingers and is an error."""
-        ours = self._is_ours(glove)
-        if not ours and not self._other_hand:
-            self._free_fingers()
-            now = "left" if self._hand == "right" else "right"
-            reason = f"glove {self._device_id} says that it is a {now} hand's now, and not a {self._hand} one's"
-            self._lost = DeviceError(f"{self._link.name}: {reason}")
-        self._other_hand = not ours
-        return ours
+                self._link.send(encode_impedance(self._device_id, FREE, FREE, kept=True), urgent=True)
 
     def _store(self, message: bytes, now: int, row: np.void) -> int:
         self.counters.frames += 1
@@ -393,7 +378,14 @@ class DexmoGlove(GloveDevice):
             return 0
         self._malformed_run = 0
         glove = next((glove for glove in gloves if glove.device_id == self._device_id), None)
-        if glove is None or not self._is_of_our_hand(glove) or glove.channels is None:
+        if glove is not None:
+            was_other, self._other_hand = self._other_hand, not self._is_ours(glove)
+            if self._other_hand and not was_other:
+                self._free_fingers()
+                side = "left" if self._hand == "right" else "right"
+                reason = f"glove {self._device_id} says that it is a {side} hand's now, and not a {self._hand} one's"
+                self._lost = DeviceError(f"{self._link.name}: {reason}")
+        if glove is None or self._other_hand or glove.channels is None:
             self.counters.other += 1
             return 0
         if glove.battery is not None:

@@ -75,7 +75,9 @@ class UdpGlove(GloveDevice):
     def open(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open`; waits for the first sample."""
         # A release alone needs none of these.
+        from hhsim.recordings.column_map import JOINT_NAMES
         from hhsim.recordings.dexmo_regression import DexmoRegression
+        from hhsim.recordings.joint_names import KEYPOINTS
 
         usual = DexmoRegression.default()
         self._slope, self._offset = usual.bend_lines()
@@ -101,9 +103,15 @@ class UdpGlove(GloveDevice):
                 raise DeviceError(f"{self._name}: no sample came within {timeout:g} s: {hint}")
             self._port.wait(left)
             self._receive(1)
-        first, _ = self._waiting[0]
-        self._kinds = (first.kind,)
-        self.info = self._describe(first.kind)
+        kind = self._waiting[0][0].kind
+        self._kinds = (kind,)
+        channels, unit = {
+            Kind.BENDS: (tuple(f"{finger}_bend" for finger in FINGERS), ""),
+            Kind.JOINTS: (JOINT_NAMES, "rad"),
+            Kind.HAND: (tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"), "m"),
+        }[kind]
+        capabilities = FORCES if self._options.takes == "forces" else LIMITS
+        self.info = GloveInfo(self._name, channels, capabilities, self._config.hand, unit)
 
     def open_for_release(self, timeout: float = 5.0) -> None:
         """See `GloveDevice.open_for_release`; the port of the samples stays with the loop."""
@@ -219,19 +227,6 @@ class UdpGlove(GloveDevice):
         if usable:
             self._angles = found
         return usable
-
-    def _describe(self, kind: Kind) -> GloveInfo:
-        """Describe the glove by the kind of its packets."""
-        from hhsim.recordings.column_map import JOINT_NAMES
-        from hhsim.recordings.joint_names import KEYPOINTS
-
-        channels, unit = {
-            Kind.BENDS: (tuple(f"{finger}_bend" for finger in FINGERS), ""),
-            Kind.JOINTS: (JOINT_NAMES, "rad"),
-            Kind.HAND: (tuple(f"{name}_{axis}" for name in KEYPOINTS for axis in "xyz"), "m"),
-        }[kind]
-        capabilities = FORCES if self._options.takes == "forces" else LIMITS
-        return GloveInfo(self._name, channels, capabilities, self._config.hand, unit)
 
 
 def limited(force: FloatArray, most: float) -> FloatArray:

@@ -35,7 +35,7 @@ from hhsim.hand.model import SIDES
 from hhsim.kernels.live import tick
 from hhsim.kernels.live.deadlines import DEADLINES, MISSES, PHASE, account_steal, account_waking, begin_periods
 from hhsim.kernels.live.finger_command import COMMANDER, DRY_RUN, INTERLOCK
-from hhsim.kernels.live.loop import ASKS_PYTHON, DRIVERS, SystemFiles, run_loop
+from hhsim.kernels.live.loop import ASKS_PYTHON, SystemFiles, run_loop
 from hhsim.kernels.live.plausibility import NOTES, WATCH, begin_watch
 from hhsim.kernels.parallel.thread_team import load_acquire, store_release
 from hhsim.kernels.tick.block import HapticBlock
@@ -43,10 +43,10 @@ from hhsim.live.cpu_accounts import CpuAccounts
 from hhsim.live.device import FORCES, MOST_CHANNELS, GloveInfo
 from hhsim.live.drivers.poses import make_pose_source
 from hhsim.live.gloves import open_device
-from hhsim.live.processes import Stage, exit_code
+from hhsim.live.processes import Stage, exit_code, process_setup
 from hhsim.live.real_time import become_ordinary, become_real_time, described, end_with, keep_off, processors_awake
 from hhsim.live.session.driver import GloveDriver
-from hhsim.live.session.memory import SessionMemory, session_process
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, WornGlove
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
@@ -58,10 +58,8 @@ from hhsim.solver.workspace import zeroed
 
 NEVER = 1 << 60
 """More periods than a session can miss."""
-PLACE_SECONDS = 0.001
-"""Period at which `LiveLoop.place` looks for a hand to place [s]."""
 TELL_SECONDS = 0.02
-"""Period at which the loop's notes are logged [s]."""
+"""Period at which the loop's notes are logged, and hands that it waits for are placed [s]."""
 DRIVER_PATIENCE = 10.0
 """Time that the driver has to release the glove and end [s]."""
 SWITCH_SECONDS = 0.0005
@@ -127,11 +125,6 @@ def watch_record(info: GloveInfo) -> Any:
     watch[0].noiseless = info.noiseless
     begin_watch(watch[0])
     return watch
-
-
-NO_FILES = SystemFiles(
-    np.full(DRIVERS, -1), np.zeros(1, np.uint8), np.zeros(1, np.uint8), np.zeros(1, np.bool_), np.ones(1, np.int64)
-)
 
 
 def loop_options(options: SolverOptions, rate: float) -> SolverOptions:
@@ -214,11 +207,6 @@ class LiveLoop:
         self._run: Any = None
 
     @property
-    def compiled(self) -> bool:
-        """True if no tick needs Python."""
-        return self._address != 0
-
-    @property
     def stopped(self) -> str:
         """Reason why the loop is to end, "" while it goes on."""
         reasons = {tick.STOP_SIGNAL: self._signal, tick.STOP_ASKED: self._requested(), tick.STOP_DURATION: "duration"}
@@ -239,7 +227,7 @@ class LiveLoop:
     def run(self, cpu: int = -1) -> str:
         """Run until it is stopped, then free the fingers; returns the reason for its end.
 
-        `prepare` has to come before; other threads call `place` and `tell`. `cpu` is the processor that the calling
+        `prepare` has to come before; another thread calls `place` and `tell`. `cpu` is the processor that the calling
         thread stays on, -1 for any.
         """
         try:
@@ -257,24 +245,23 @@ class LiveLoop:
         """Compile, or load from the cache, what `run` calls; the solver's own kernels are there."""
         self._address = self.one_tick.address
         compiled: Any = run_loop
-        given = tuple(hand.live for hand in self.hands), NO_FILES, self.world, self._address, self.one_tick.arguments
-        self._run = compiled.entry(*given)
+        hands = tuple(hand.live for hand in self.hands)
         with contextlib.closing(CpuAccounts()) as accounts:
             accounts.totals()
+            given = accounts.files(-1), self.world, self._address, self.one_tick.arguments
+            self._run = compiled.entry(hands, *given)
         # `place` has to find its kernels compiled.
         placing = self.at.placing
         store_release(placing, 0, load_acquire(placing, 0))
 
     def place(self) -> None:
-        """Wait for the user's hands and put the shown ones at the nearest free place; returns then, or at the end.
+        """Put the shown hands at the nearest free place if the compiled loop waits for it; in another thread.
 
-        In another thread than the loop's if it is `compiled`: this takes many periods for a hand that begins inside.
+        This takes many periods for a hand that begins inside.
         """
-        placing, status = self.at.placing, self.memory.status
-        while load_acquire(placing, 0) != tick.PLACING:
-            if status["stage"] >= Stage.ENDING:
-                return
-            time.sleep(PLACE_SECONDS)
+        placing = self.at.placing
+        if load_acquire(placing, 0) != tick.PLACING:
+            return
         try:
             for hand, start in zip(self.hands, self.one_tick.begin([hand.haptic for hand in self.hands])):
                 hand.at.placed = start
@@ -359,8 +346,9 @@ class Ending:
 def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None:
     """Make everything ready, run the loop until it is stopped, and leave the gloves released.
 
-    The loop has its own thread, in which compiled code runs, and so has each driver; the calling one logs the loop's
-    notes. HhsimError if a glove or a pose cannot be reached, or if a driver has failed.
+    The loop has its own thread, in which compiled code runs, and so has each driver; the calling one places the hands
+    at the beginning, and logs the loop's notes. HhsimError if a glove or a pose cannot be reached, or if a driver has
+    failed.
     """
     make_ready(setup, memory)
     drivers = []
@@ -398,10 +386,9 @@ def run_session(setup: LiveSetup, memory: SessionMemory, ending: Ending) -> None
     carrying = [threading.Thread(target=driver.run, args=(beside, begin), daemon=True) for driver in drivers]
     for other in carrying:
         other.start()
-    if loop.compiled:
-        threading.Thread(target=loop.place, name="hhsim-place", daemon=True).start()
     died = ""
     while thread.is_alive():
+        loop.place()
         loop.tell()
         died = next((f"the glove's driver {driver.failed}" for driver in drivers if driver.failed), "")
         if died and not loop.stopped:
@@ -462,8 +449,7 @@ def run_real_time(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the loop of a session; returns the exit code."""
-    setup: LiveSetup
-    setup, memory = session_process("loop", arguments)
+    setup, memory = process_setup("loop", arguments)
     ending = Ending()
 
     def body() -> None:

@@ -1,6 +1,6 @@
 """Shared memory of one live session: one block of each hand.
 
-The supervisor makes it; every other process attaches by inherited descriptors, which are told with its setup.
+The supervisor makes it; every other process gets it pickled with its setup, and attaches by inherited descriptors.
 """
 
 import json
@@ -8,14 +8,15 @@ import os
 import threading
 import time
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
 from hhsim.live.device import GLOVE_SAMPLE
-from hhsim.live.processes import LIVE_STATUS, RingReader, SharedBlock, SharedRing, process_setup, ring_type, write_setup
+from hhsim.live.processes import LIVE_STATUS, RingReader, SharedBlock, SharedRing, ring_type
 from hhsim.result.schema import TICK_FIELDS, bodies_row, record_dtype
 
 TICK_CAPACITY = 16_384
@@ -144,9 +145,9 @@ class SessionMemory:
             for name, value in values.items():
                 hand.status[name] = value
 
-    def with_setup(self, setup: object) -> int:
-        """Pickle this memory and the setup of a child for `session_process`; returns the descriptor."""
-        return write_setup((self.descriptors, self._bodies), setup)
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A child that has inherited the descriptors maps the same memory.
+        return partial(SessionMemory, bodies=self._bodies), tuple(self.descriptors)
 
     def log(self, level: int, text: str, time_ns: int | None = None) -> None:
         """Add an event (INFORMATION, WARNING, FAULT), by default of now [ns], for the loop's process; cut if long."""
@@ -177,9 +178,3 @@ class TickReader(RingReader):
         for part, name in parts:
             joined[name] = part[name]
         return first, [joined, *others]
-
-
-def session_process(name: str, arguments: Sequence[str] | None = None) -> tuple[Any, SessionMemory]:
-    """Name this process of a session, and return its setup and its memory, which its command line names."""
-    (descriptors, bodies), setup = process_setup(name, arguments)
-    return setup, SessionMemory(*descriptors, bodies=bodies)

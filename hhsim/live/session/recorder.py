@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from types import FrameType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +28,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
-from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code
+from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code, process_setup
 from hhsim.live.real_time import become_ordinary, become_real_time, keep_off
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader, session_process
+from hhsim.live.session.memory import FREE_TICK_CAPACITY, SessionMemory, TickReader
 from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
@@ -52,7 +52,6 @@ from hhsim.result.schema import (
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     TICK,
-    Column,
     hand_tables,
     sample_columns,
 )
@@ -143,7 +142,9 @@ class HandRecords:
         self.tally = LiveTally()
         self.penetration_max = 0.0
         self._channels = len(facts.get("device", {}).get("channels", ()))
-        self._sample_columns = sample_columns(self._channels)
+        # Table of each ring, and its columns.
+        columns = LIVE_TICK_COLUMNS, sample_columns(self._channels), EVENT_COLUMNS
+        self._tables = dict(zip(RINGS, zip((LIVE_TICK, LIVE_SAMPLE, LIVE_EVENT), columns)))
 
     def part(self, described: Mapping[str, Any]) -> HandPart:
         """Return the hand of a file, whose scene is described."""
@@ -160,8 +161,7 @@ class HandRecords:
             "utc_offset": time.time_ns() - time.monotonic_ns(),
             **self.attributes(np.zeros(0), ""),
         }
-        tables = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: self._sample_columns, LIVE_EVENT: EVENT_COLUMNS}
-        return HandPart(described, hand_arrays(self.model), tables, header)
+        return HandPart(described, hand_arrays(self.model), dict(self._tables.values()), header)
 
     def attributes(self, counters: AnyArray, ended: str) -> dict[str, str | int]:
         """Return the attributes of /live that change while the session runs."""
@@ -177,21 +177,24 @@ class HandRecords:
     def tables(self, taken: Taken) -> dict[str, dict[str, AnyArray]]:
         """Return the rows of /live."""
         found = {}
-        if "ticks" in taken:
-            found[LIVE_TICK] = _numbered(LIVE_TICK_COLUMNS, *taken["ticks"])
-        if "samples" in taken:
-            channels = taken["samples"][1]["channels"][:, : self._channels]
-            found[LIVE_SAMPLE] = _numbered(self._sample_columns, *taken["samples"]) | {"channel": channels}
-        if "events" in taken:
-            rows = found[LIVE_EVENT] = _fields(EVENT_COLUMNS, taken["events"][1])
-            # In its own table a hand needs no name.
-            own = [text.removeprefix(f"{self.side} hand: ".encode()) for text in rows["text"].tolist()]
-            rows["text"] = np.array(own, rows["text"].dtype)
-        return {f"{HANDS}/{self.side}/{table}": rows for table, rows in found.items()}
+        for ring, (first, records) in taken.items():
+            table, columns = self._tables[ring]
+            rows = found[f"{HANDS}/{self.side}/{table}"] = {
+                column.name: column.taken(records) for column in columns if column.source
+            }
+            if ring != "events":
+                rows["record"] = np.arange(first, first + len(records))
+            if ring == "samples":
+                rows["channel"] = records["channels"][:, : self._channels]
+            if ring == "events":
+                # In its own table a hand needs no name.
+                own = [text.removeprefix(f"{self.side} hand: ".encode()) for text in rows["text"].tolist()]
+                rows["text"] = np.array(own, rows["text"].dtype)
+        return found
 
 
-class SessionWriter:
-    """Writes records of the rings block by block; OutputError without a file.
+class SessionWriter(ResultWriter):
+    """Writes records of the rings block by block, then `complete`; OutputError without a file.
 
     `options` are those that the loop solves with, `facts` the `SessionMemory.facts` of each hand before the session
     ran. `empty` is True if neither a tick nor a sample has come.
@@ -217,18 +220,7 @@ class SessionWriter:
             }
             parts[str(hand.side)] = hand.part(described)
         between = BETWEEN_COLUMNS if self._both else ()
-        self._writer = ResultWriter(path, hands=parts, bodies=bodies, columns=between, command=setup.command)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._writer.__exit__(*error)
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks written so far."""
-        return self._writer.ticks
+        super().__init__(path, hands=parts, bodies=bodies, columns=between, command=setup.command)
 
     def write(self, taken: Sequence[Taken], counters: AnyArray, ended: str = "") -> None:
         """Write the records of each hand, with `counters` of the devices and a reason if the recording ends here.
@@ -238,7 +230,7 @@ class SessionWriter:
         """
         taken = [{ring: block for ring, block in of.items() if len(block[1])} for of in taken]
         self.empty = self.empty and not any(of.keys() - {"events"} for of in taken)
-        tables = self._tables(self._writer.ticks, [of["ticks"] for of in taken]) if "ticks" in taken[0] else {}
+        tables = self._tick_tables([of["ticks"] for of in taken]) if "ticks" in taken[0] else {}
         # A tick counts as written with its row of live/tick: its contacts come before that.
         for hand, of in zip(self.hands, taken):
             tables |= hand.tables(of)
@@ -246,10 +238,10 @@ class SessionWriter:
             f"{HANDS}/{hand.side}/{LIVE}": hand.attributes(of, ended)
             for hand, of in zip(self.hands, np.atleast_2d(counters), strict=True)
         }
-        self._writer.append(tables, attributes)
+        self.append(tables, attributes)
 
-    def _tables(self, row: int, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
-        """Return the rows of ticks of all hands; `row` is the number of the first one in the file."""
+    def _tick_tables(self, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the next ticks of all hands."""
         of_bodies = blocks[0][1]
         if self._began < 0:
             self._began = int(of_bodies["time_ns"][0])
@@ -268,28 +260,20 @@ class SessionWriter:
         models = [hand.model for hand in self.hands]
         for column in BETWEEN_COLUMNS if self._both else ():
             tables[TICK][column.name] = distance_of_hands(models, placed[column.name.rpartition("/")[2]])
-        return {**tables, CONTACT: self.hands[0].columns.contacts(row, of_bodies)}
+        return {**tables, CONTACT: self.hands[0].columns.contacts(self.ticks, of_bodies)}
 
-    def finish(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
+    def complete(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the summary, and mark the file complete.
 
         `ended` and `counters` are as in `write`, which raises the same; the others as of `session_figures`.
         """
         self.write([{} for _ in self.hands], counters, ended)
-        return self._writer.finish(
+        return self.finish(
             {
                 hand.side: session_figures(hand.tally, missed, missed_by, hand.penetration_max, hand.lost)
                 for hand in self.hands
             }
         )
-
-
-def _fields(columns: Sequence[Column], records: Records) -> dict[str, AnyArray]:
-    return {column.name: column.taken(records) for column in columns if column.source}
-
-
-def _numbered(columns: Sequence[Column], first: int, records: Records) -> dict[str, AnyArray]:
-    return {"record": np.arange(first, first + len(records)), **_fields(columns, records)}
 
 
 def as_text(value: Any) -> str:
@@ -341,7 +325,7 @@ class Recorder:
                 writer.write([{} for _ in writer.hands], self._counters, ended)
                 return
             status = self._memory.status
-            writer.finish(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
+            writer.complete(ended, self._counters, int(status["missed"]), by_name(status["missed_by"]))
 
     @property
     def _counters(self) -> AnyArray:
@@ -386,8 +370,7 @@ class Recorder:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record a session; returns the exit code."""
-    setup: LiveSetup
-    setup, memory = session_process("recorder", arguments)
+    setup, memory = process_setup("recorder", arguments)
     keep_off(setup.real_time.loop_cpu)
     become_real_time(replace(setup.real_time, priority=PRIORITY, lock_memory=False, cpu=-1, freeze_gc=False))
     recorder = Recorder(setup, memory)

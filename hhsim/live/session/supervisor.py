@@ -13,35 +13,21 @@ None of them needs the supervisor: if it is killed, the loop frees the fingers a
 import contextlib
 import os
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import FrameType
 from typing import Any, Self
 
 from hhsim.errors import HhsimError
 from hhsim.live.device import DeviceCounters
-from hhsim.live.processes import ChildProcess, RingReader, Stage, write_setup
+from hhsim.live.processes import NOT_BY_THE_USER, ChildProcess, RingReader, Stage, write_setup
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import LiveSetup
 from hhsim.live.session.statistics import LiveTally
 from hhsim.result.miss_cause import by_name
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
-
-WORDS = {
-    "SIGINT": "Ctrl-C",
-    "SIGTERM": "SIGTERM",
-    "SIGHUP": "the terminal is gone",
-    # A suspended session would leave the hand in the glove with nobody to watch over it.
-    "SIGTSTP": "Ctrl-Z, which ends a live session",
-    "SIGQUIT": "Ctrl-backslash",
-}
-NOT_BY_THE_USER = {WORDS[number.name]: int(number) for number in (signal.SIGTERM, signal.SIGHUP)}
-"""Signals that come from another program or from a lost terminal, by their words."""
 
 Say = Callable[[str, int], None]
 """Called with a line of the log and its level."""
@@ -64,32 +50,6 @@ SILENCE = 0.5
 """Age of the loop's heartbeat that is reported [s]; the watchdog has freed the fingers long before."""
 RESTART_SECONDS = 0.5
 """Shortest time from the begin of a watchdog to that of the next one [s]."""
-
-
-@contextmanager
-def stop_signals() -> Iterator[Callable[[], str]]:
-    """Record every signal that ends a session while the block runs; yields a function that returns the first in words.
-
-    Signals are never raised: a session has to end in order, or the fingers stay held.
-
-    A signal that is ignored already (nohup) stays ignored. Outside of the main thread nothing is recorded: "".
-    """
-    received: list[str] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        received.append(WORDS[signal.Signals(number).name])
-
-    before = {}
-    if threading.current_thread() is threading.main_thread():
-        for name in WORDS:
-            number = signal.Signals[name]
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                before[number] = signal.signal(number, note)
-    try:
-        yield lambda: received[0] if received else ""
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @dataclass
@@ -137,8 +97,7 @@ class Supervisor:
         self.memory = SessionMemory.create(bodies=setup.recorded_bodies, hands=len(setup.worn))
         self.tallies = [LiveTally(hand.ticks) for hand in self.memory.hands]
         self._events = [RingReader(hand.events) for hand in self.memory.hands]
-        descriptor = self.memory.with_setup(setup)
-        self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), descriptor)
+        self._setups = dict.fromkeys((LOOP, RECORDER, VIEWER), write_setup(setup, self.memory))
         self._setups[WATCHDOG] = write_setup(*setup.for_watchdog(self.memory.descriptors))
         self._children: dict[str, ChildProcess] = {}
         self._outcome, self._ended = SessionOutcome(record=setup.record), False

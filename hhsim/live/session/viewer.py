@@ -22,9 +22,9 @@ import numpy as np
 
 from hhsim.errors import OutputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.live.processes import RingReader, Stage, exit_code
+from hhsim.live.processes import RingReader, Stage, exit_code, process_setup
 from hhsim.live.real_time import keep_off
-from hhsim.live.session.memory import SessionMemory, TickReader, session_process
+from hhsim.live.session.memory import SessionMemory, TickReader
 from hhsim.live.session.recorder import SessionColumns
 from hhsim.live.session.setup import LiveSetup
 from hhsim.result.safety import why_free_or_held
@@ -157,8 +157,7 @@ class LiveViewer:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a session; returns the exit code."""
-    setup: LiveSetup
-    setup, memory = session_process("viewer", arguments)
+    setup, memory = process_setup("viewer", arguments)
     with suppress(OSError):
         os.nice(NICENESS)
     keep_off(setup.real_time.loop_cpu)

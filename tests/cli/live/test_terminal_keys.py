@@ -15,7 +15,7 @@ from live_peers import PATIENCE
 PROGRAM = """
 import os, signal, sys, time
 from hhsim.cli.live.session import terminal_keys
-from hhsim.live.session.supervisor import stop_signals
+from hhsim.live.processes import stop_signals
 with stop_signals() as stop_signal, terminal_keys() as read:
     if read is None:
         print("no terminal", flush=True)

@@ -64,10 +64,11 @@ def run(
         while memory.ticks.written < ENOUGH and time.monotonic() < until:
             if isinstance(worn, LineGlove):
                 os.write(worn.end, b"-")
+            loop.place()
             time.sleep(1.0 / hertz if hertz else 0.01)
         loop.stop("enough")
 
-    threads = [threading.Thread(target=target) for target in (driver.carry, loop.place, end)]
+    threads = [threading.Thread(target=target) for target in (driver.carry, end)]
     for thread in threads:
         thread.start()
     try:

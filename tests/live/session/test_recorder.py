@@ -22,7 +22,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.live.processes import LoopProcess, Stage
+from hhsim.live.processes import LoopProcess, Stage, write_setup
 from hhsim.live.session.memory import TICK_CAPACITY, SessionMemory
 from hhsim.live.session.recorder import CUT_SHORT, LOOP_DIED, Recorder
 from hhsim.replay.repeat import run_again
@@ -198,7 +198,7 @@ def test_a_session_that_lost_its_beginning_cannot_be_run_again(ticks: Records, t
 @contextmanager
 def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.Popen[str]]:
     """The recorder as the supervisor starts it."""
-    setup = memory.with_setup(make_setup(path))
+    setup = write_setup(make_setup(path), memory)
     process = subprocess.Popen(
         [sys.executable, "-m", "hhsim.live.session.recorder", "--setup", str(setup)],
         stderr=subprocess.PIPE,

@@ -10,7 +10,7 @@ import pytest
 from live_scripted import make_setup
 from sampled import sampled
 
-from hhsim.live.processes import Stage
+from hhsim.live.processes import Stage, write_setup
 from hhsim.live.session import supervisor
 from hhsim.live.session.supervisor import LOOP, RECORDER, VIEWER, WATCHDOG, Supervisor
 from hhsim.result.schema import FAULT, WARNING
@@ -22,13 +22,12 @@ BEGIN = """
 import os, signal, sys, time
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.processes import LIVE_STATUS, SharedBlock, Stage, process_setup
-# The watchdog's setup names the status block, and it has nothing else.
-first = process_setup("stand-in", None)[0]
-if hasattr(first, "status"):
-    status = SharedBlock(first.status, LIVE_STATUS).array[0]
+(given,) = process_setup("stand-in", None)
+if isinstance(given, SessionMemory):
+    status, events = given.status, given.events
 else:
-    memory = SessionMemory(*first[0], bodies=first[1])
-    status, events = memory.status, memory.events
+    # The watchdog's setup names the status block, and it has nothing else.
+    status = SharedBlock(given.status, LIVE_STATUS).array[0]
 def mark(word):
     with open({marks!r}, "a") as file:
         file.write(word + " ")
@@ -90,6 +89,8 @@ def marks(tmp_path: Path) -> Path:
 def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setattr(supervisor, "MODULES", {name: f"{name}_program" for name in supervisor.MODULES})
+    # The memory alone: the scene in front of it would load the numerics.
+    monkeypatch.setattr(supervisor, "write_setup", lambda *parts: write_setup(parts[-1]))
     programs = {
         LOOP: GOOD_LOOP,
         WATCHDOG: WATCHDOG_UNTIL_ENDED,

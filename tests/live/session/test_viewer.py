@@ -17,7 +17,7 @@ from live_rings import make_setup, pour, solved_ticks
 from rerun_files import PATIENCE, Recording, listening
 
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.processes import RingReader, Stage
+from hhsim.live.processes import RingReader, Stage, write_setup
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.setup import LiveSetup
@@ -149,7 +149,7 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
 @contextmanager
 def viewer_process(setup: LiveSetup, memory: SessionMemory, port: int, *how: str) -> Iterator[Callable[[Records], str]]:
     """The process of a viewer at a port, by default as the supervisor starts it; how to wait for its last line."""
-    descriptor = memory.with_setup(shown(setup, f"connect={port}"))
+    descriptor = write_setup(shown(setup, f"connect={port}"), memory)
     words = [sys.executable, *(how or ("-m", "hhsim.live.session.viewer")), "--setup", str(descriptor)]
     descriptors = [descriptor, *memory.descriptors]
     with subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True) as process:

@@ -22,7 +22,7 @@ from hhsim.live.session.memory import SessionMemory
 memory = SessionMemory.create()
 whole = make_setup(real_time=RealTimeWishes(lock_memory=False, cpu=-1))
 watched = whole.for_watchdog(memory.descriptors)
-for name, descriptor in (("watchdog", write_setup(*watched)), ("loop", memory.with_setup(whole))):
+for name, descriptor in (("watchdog", write_setup(*watched)), ("loop", write_setup(whole, memory))):
     command = [sys.executable, "-m", f"hhsim.live.session.{name}", "--setup", str(descriptor)]
     child = subprocess.Popen(command, pass_fds=(descriptor, *memory.descriptors))
     print(child.pid)
