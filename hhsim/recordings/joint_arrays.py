@@ -138,19 +138,19 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         return np.array([*map(stated_value, table.text(column))])
 
     stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
-    if stamps is not None and stamps.others:
+    if stamps.others:
         findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
     arrays, moved = table_arrays(table, findings)
     used = {column for parts in joints.values() for column in parts.values()}
     said = {column: name for column in table.header if column not in used and (name := hand_statement(column))}
     whole = {column: name.part for column, name in said.items() if name.side in ("", side)}
-    stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
     others = {
         column
         for column, name in names.items()
         if name.joint and name.side in joint_columns(names) and name.side != side
     }
-    findings += unused(dict.fromkeys(table.header), used | moved | stamped | others | whole.keys())
+    used |= {*stamps.names, *stamps.others, *whole}
+    findings += unused(dict.fromkeys(table.header), used | moved | others)
     measured = [column for j in KEYPOINTS for part, column in joints[j].items() if part in ("x", "y", "z", "radius")]
     held = dict(zip(measured, cells(*measured).T))
     parts = {
@@ -160,8 +160,8 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
     fields = named_joints(parts, [(kind, stated(column)) for column, kind in whole.items()], len(table.rows))
     return JointPositions(
         **{"up": "y" if located(joints) & WORLD_JOINTS else None, "what": what} | fields | more,
-        time=None if stamps is None else stamps.stamps(lambda name: cells(name)[:, 0]),
-        time_unit=None if stamps is None else stamps.unit,
+        time=stamps.stamps(lambda name: cells(name)[:, 0]),
+        time_unit=stamps.unit,
         hand=side,
         object_poses=poses_in(arrays, len(table.rows), options),
         findings=findings,
@@ -237,7 +237,7 @@ def joints_of_frames(
     hand = {key[1] for key in arrays if meanings[key].joint or joints_in(arrays[key].shape[1:])}
     whole = [(key, said) for key in arrays if (said := _statement(key[1], arrays[key], hand))]
     stated = [(said.part, arrays[key]) for key, said in whole if {said.side, key[0]} <= {"", side}]
-    used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *(stamps.names if stamps else ())}
+    used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *stamps.names}
     keys = dict.fromkeys(str(key) for frame in frames if isinstance(frame, dict) for key in frame)
     findings += unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
     if side in hands:
@@ -252,8 +252,8 @@ def joints_of_frames(
             fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
     found = JointPositions(
         **fields | more,
-        time=None if stamps is None else stamps.stamps(held.__getitem__),
-        time_unit=None if stamps is None else stamps.unit,
+        time=stamps.stamps(held.__getitem__),
+        time_unit=stamps.unit,
         hand=side,
         object_poses=poses,
         findings=findings,

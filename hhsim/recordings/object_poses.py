@@ -10,7 +10,7 @@ where a number is NaN, or the quaternion or the matrix all zeros.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -21,7 +21,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
-from hhsim.motion.npz_arrays import read_npy
+from hhsim.motion.npz_arrays import numbers, read_npy
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
@@ -182,6 +182,18 @@ def poses_in(
     return poses if count is None else _counted(poses, count)
 
 
+def beside(arrays: Mapping[str, Any], count: int, options: ReadOptions, used: Collection[str]) -> dict[str, Any]:
+    """Return stamps and an object's poses among arrays, and what is left of these, as fields of `JointPositions`."""
+    stamps, poses = time_column(arrays), poses_in(arrays, count, options)
+    used = {*used, *stamps.names, *(poses.names if poses is not None else ())}
+    return {
+        "time": stamps.stamps(lambda name: numbers(arrays, name, count)),
+        "time_unit": stamps.unit,
+        "object_poses": poses,
+        "findings": unused(arrays, used),
+    }
+
+
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
     """Return one pose a sample, of a single one that of an object at rest; TrajectoryError for another number."""
     rows, names = len(poses.position), " and ".join(poses.names)
@@ -337,8 +349,8 @@ def stamped_poses(
     content = Content(path, what="poses of an object")
     arrays = _arrays_of(content, options.object_track, findings)
     column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
-    stamps = None if column is None else column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
-    others = {name: values for name, values in arrays.items() if column is None or name not in column.names}
+    stamps = column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
+    others = {name: values for name, values in arrays.items() if name not in column.names}
     poses = poses_in(others, None, options, alone=True, strict=True)
     if poses is None:
         name, values, first = _unnamed(others)
@@ -346,8 +358,8 @@ def stamped_poses(
         stamps = first if stamps is None else stamps
     metre = _metre(poses, content, options, findings, hand)
     findings += [*poses.findings, *unused(others, poses.names), *map(note, content.stated.told())]
-    factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
-    return poses._replace(position=metre * poses.position), None if stamps is None else factor * stamps
+    poses = poses._replace(position=metre * poses.position)
+    return poses, None if stamps is None else TIME_UNITS[column.unit or "s"] * stamps
 
 
 def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> dict[str, Any]:
@@ -377,8 +389,7 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
     arrays, used = table_arrays(table, findings, alone=True)
     if not arrays:
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
-    if (column := time_column(header)) is not None:
-        arrays |= {name: table.numbers([name])[0][:, 0] for name in column.names}
+    arrays |= {name: table.numbers([name])[0][:, 0] for name in time_column(header).names}
     findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
     return arrays
 

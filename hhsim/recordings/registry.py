@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
+from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 from hhsim.motion.npz_arrays import read_npz
@@ -91,7 +91,6 @@ def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
 class Changes(NamedTuple):
     """Samples of a recording with a correction, in the coordinates of its file."""
 
-    samples: IntArray  # indices of the samples, shape (N,)
     rows: IntArray  # rows of the file, shape (N,)
     shift: FloatArray  # displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles
     turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
@@ -136,7 +135,6 @@ def changes(recording: Recording, correction: Correction) -> Changes:
         shift = frame.to_file(correction.joints[samples] - recording.joints[samples])
     flexion = (posture.flexion - fitted.flexion).reshape(-1, 15)
     return Changes(
-        samples=samples,
         rows=recording.rows[samples],
         shift=shift,
         turn=frame.rotation_to_file(correction.rotation[samples]),
@@ -219,7 +217,12 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
 
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
-    found = form.read(content, options)
+    try:
+        found = form.read(content, options)
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+    except ModuleNotFoundError as error:
+        raise TrajectoryError(f"{form.description}, is read by {error.name}: pip install {error.name}") from None
     recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
     return recording.changed(form=recording.form or form.name, name=recording.name or content.name)
 

@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.errors import DamagedFileError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
@@ -37,7 +37,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         with h5py.File(io.BytesIO(content.data)) as file:
             require_own_data(file)
             return _hand(file, options)
-    except (DamagedFileError, *DAMAGE) as error:
+    except DAMAGE as error:
         raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
 
 

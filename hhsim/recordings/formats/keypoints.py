@@ -20,7 +20,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
+from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, read_npy
 from hhsim.motion.trajectory import as_numbers
 from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
 from hhsim.recordings.joint_arrays import (
@@ -36,8 +36,8 @@ from hhsim.recordings.joint_arrays import (
     row_names,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
-from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import Recording, note, readings, unused
+from hhsim.recordings.object_poses import beside
+from hhsim.recordings.recording import Recording, note, readings
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -94,14 +94,9 @@ def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
             raise TrajectoryError("an Excel workbook is not read; save it as CSV")
         raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     key = _points_key(content, options)
-    points, stamps = points_of(arrays[key], f"array '{key}'", content), time_column(arrays)
-    count = len(points)
-    time = None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count))
+    points = points_of(arrays[key], f"array '{key}'", content)
     fields, used = joints_of_rows(points, content, options, arrays)
-    poses = poses_in(arrays, count, options)
-    used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
-    unit = None if stamps is None else stamps.unit
-    return JointPositions(**fields, time=time, time_unit=unit, object_poses=poses, findings=unused(arrays, used))
+    return JointPositions(**fields, **beside(arrays, len(points), options, {key, *used}))
 
 
 def _points_key(content: Content, options: ReadOptions) -> str:
@@ -183,9 +178,9 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
     names: Mapping[str, JointName] = _numbered_names(table.header)
     if not names:
         stamps = time_column(table.header)
-        columns = [name for name in table.header if stamps is None or name not in (*stamps.names, *stamps.others)]
+        columns = [name for name in table.header if name not in (*stamps.names, *stamps.others)]
         if len(columns) != len(COORDINATES):
-            given = f"{len(columns)} columns{' and a time' if stamps else ''}"
+            given = f"{len(columns)} columns{' and a time' if stamps.name else ''}"
             raise TrajectoryError(f"{given}; expected {len(COORDINATES)} coordinates of {COUNT} points")
         names = dict(zip(columns, COORDINATES))
         notes.append(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
@@ -219,9 +214,10 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:
         # Columns named after joints may stand in any order: format openxr.
         return False
-    stamps = time_column(header) if len(header) > len(COORDINATES) else None
-    stamped = 0 if stamps is None else len(stamps.names) + len(stamps.others)
-    return bool(_numbered_names(header)) or len(header) == len(COORDINATES) + stamped
+    if len(header) > len(COORDINATES):
+        stamps = time_column(header)
+        header = tuple(name for name in header if name not in (*stamps.names, *stamps.others))
+    return len(header) == len(COORDINATES) or bool(_numbered_names(header))
 
 
 FORMAT = RecordingFormat(

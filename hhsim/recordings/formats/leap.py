@@ -83,20 +83,15 @@ def _looks_packed(text: str) -> bool:
 
 
 def unpack(text: str) -> str:
-    """Decompress LZ-string's text; raise TrajectoryError for one that is damaged or cut short, or without lzstring."""
-    try:
-        from lzstring import LZString
-    except ImportError:
-        raise TrajectoryError("LZ-string text needs lzstring: pip install 'hhsim[recordings]'") from None
+    """Decompress LZ-string's text; raise DamagedFileError for one that is damaged or cut short."""
+    from lzstring import LZString
+
     letters, damaged = "".join(text.split()), "damaged LZ-string text"
-    try:
-        found: str | None = read_in_child(
-            lambda: LZString.decompressFromBase64(letters), damaged, len(letters), rate=LETTERS_A_SECOND
-        )
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
+    found: str | None = read_in_child(
+        lambda: LZString.decompressFromBase64(letters), damaged, len(letters), rate=LETTERS_A_SECOND
+    )
     if not found:
-        raise TrajectoryError(f"{damaged}; was it cut short?")
+        raise DamagedFileError(f"{damaged}; was it cut short?")
     return found
 
 

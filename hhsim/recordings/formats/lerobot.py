@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import DamagedFileError, InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
@@ -77,11 +77,8 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
 
 def _columns(data: bytes) -> dict[str, Any]:
     """Return the columns as pyarrow's lists; pages that have a checksum agree with it."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise TrajectoryError("a Parquet file: pip install pyarrow") from None
+    import pyarrow
+    from pyarrow import parquet
 
     def read() -> dict[str, Any]:
         file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
@@ -91,10 +88,7 @@ def _columns(data: bytes) -> dict[str, Any]:
         table.validate(full=True)
         return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
 
-    try:
-        return read_in_child(read, "not a Parquet file, or a damaged one", len(data))
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
+    return read_in_child(read, "not a Parquet file, or a damaged one", len(data))
 
 
 def _info(content: Content) -> dict[str, Any]:

@@ -29,10 +29,9 @@ from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
 from hhsim.recordings.json_document import read_pose_lines
-from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import OTHER, Finding, note, unused
+from hhsim.recordings.object_poses import beside
+from hhsim.recordings.recording import OTHER, Finding, note
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
-from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
 TIPS = (744, 320, 443, 554, 671)
@@ -336,18 +335,9 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     if "pose" not in names:
         held = ", ".join(sorted(arrays)[:6])
         raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(FIELDS['pose'])}")
-    count, stamps = len(np.atleast_1d(arrays[names["pose"]])), time_column(arrays)
-    moved = poses_in(arrays, count, options)
-    used = {*names.values(), *(moved.names if moved else ()), *(stamps.names if stamps else ())}
-    return poses_of(
-        arrays,
-        names,
-        stated_hand(content, options.hand, np.arange(count), [])[0],
-        unused(arrays, used),
-        time=None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
-        time_unit=None if stamps is None else stamps.unit,
-        object_poses=moved,
-    )
+    count = len(np.atleast_1d(arrays[names["pose"]]))
+    side, _ = stated_hand(content, options.hand, np.arange(count), [])
+    return poses_of(arrays, names, side, **beside(arrays, count, options, names.values()))
 
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:

@@ -71,7 +71,7 @@ def test_a_wrist_that_moves_needs_a_translation(tmp_path: Path) -> None:
     options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose="axis-angle")
     row, still = np.zeros(1, np.int64), np.zeros((1, 3))
     turn = np.tile(np.eye(3), (1, 16, 1, 1))
-    made = Changes(row, row, np.full((1, 21, 3), 1e-3), turn, still, still, np.zeros((1, 20)), 6)
+    made = Changes(row, np.full((1, 21, 3), 1e-3), turn, still, still, np.zeros((1, 20)), 6)
 
     def corrected(made: Changes, **more: Any) -> dict[str, Any]:
         arrays = {"poses": np.zeros((2, 48)), **more}
