@@ -1,5 +1,6 @@
-"""Content of a file, read no further than needed, and the options for reading it."""
+"""Content of a file, read no further than needed, and the options for reading it; JSON of any maker."""
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,6 @@ from hhsim.motion.npz_arrays import npz_of, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
-from hhsim.recordings.json_document import nested, read_json
 from hhsim.recordings.recording import Finding, chosen_side, note
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import open_input, read_input
@@ -35,6 +35,9 @@ MOST_UNREADABLE = 0.1
 NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
 """Beginning of an `.npy` file, and what its header says of one that holds objects."""
 ZIP, HDF5 = b"PK", b"\x89HDF"
+MOST = 1e20
+"""Largest magnitude of a reading: nanoseconds since 1970 are less."""
+SHOWN_KEYS = 6
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """First bytes of a text of UTF-16."""
 PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
@@ -249,3 +252,65 @@ def stated_hand(
     shown = np.array(sides)[rows] == side
     findings += [*remarks, note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")]
     return side, shown
+
+
+def read_json(text: str) -> Any:
+    """Return the document, or a list of the documents of its lines; raise TrajectoryError with the place of a fault."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = str(error)
+    documents = []
+    # Other signs that end a line may stand in a string.
+    lines = text.replace("\r", "\n").split("\n")
+    for place, line in enumerate((line for line in lines if line.strip()), start=1):
+        try:
+            documents.append(json.loads(line))
+        except (ValueError, RecursionError) as error:
+            # Of a text whose first line alone is none, the whole is one document.
+            where, reason = (f"line {place} is ", str(error)) if place > 1 else ("", reason)
+            raise TrajectoryError(f"{where}not JSON: {reason[:120]}; was the file cut short?") from None
+    return documents
+
+
+def nested(value: Any) -> dict[str, Any]:
+    """Return the object that an array of one JSON text holds; empty for anything else."""
+    try:
+        found = json.loads(str(value)) if np.ndim(value) == 0 and str(value)[:1] == "{" else {}
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def number(value: Any) -> float:
+    """Return a number as float, NaN for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return float("nan")
+    # Beyond that it is damage, and what is computed from it overflows.
+    return float(value) if -MOST <= value <= MOST else float("nan")
+
+
+def vector(value: Any, names: Sequence[Any] = "xyz") -> list[float]:
+    """Return the numbers of a list as long as `names`, or of an object with these keys, NaN for missing ones."""
+    if isinstance(value, dict):
+        return [number(value.get(name)) for name in names]
+    if not isinstance(value, list) or len(value) != len(names):
+        return [float("nan")] * len(names)
+    return [number(item) for item in value]
+
+
+def objects(node: Any) -> Iterator[dict[str, Any]]:
+    """Yield the objects of a list; none of anything else."""
+    if isinstance(node, list):
+        yield from (item for item in node if isinstance(item, dict))
+
+
+def keys_of(document: Any) -> str:
+    """Describe the content of a document, for messages."""
+    if isinstance(document, dict):
+        names = [str(key)[:24] for key in document]
+        more = ", …" if len(names) > SHOWN_KEYS else ""
+        return f"an object with {', '.join(names[:SHOWN_KEYS]) or 'nothing'}{more}"
+    if isinstance(document, list):
+        return f"a list of {len(document)}, the first {keys_of(document[0])}" if document else "an empty list"
+    return repr(document)[:40]

@@ -13,12 +13,12 @@ from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import Content, ReadOptions, keys_of, number, objects, read_json, vector
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import axis_flip
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
 from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 
 MILLIMETRE = 1e-3

@@ -16,12 +16,12 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
+from hhsim.recordings.content import MOST, Content, ReadOptions, number
 from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
-from hhsim.recordings.json_document import MOST, number
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 

@@ -27,10 +27,9 @@ from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_m
 from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
-from hhsim.recordings.json_document import read_pose_lines
+from hhsim.recordings.content import ZIP, Content, ReadOptions, keys_of, number, objects, stated_hand, vector
 from hhsim.recordings.object_poses import beside
-from hhsim.recordings.recording import OTHER, Finding, note
+from hhsim.recordings.recording import OTHER, Finding, frames_with_hand, note, unused
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
@@ -322,6 +321,69 @@ def _corrected(
     if reading.startswith("pca"):
         angles = angles @ np.linalg.pinv(model.components[: pose.shape[1]])
     return turned, angles
+
+
+HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
+MOST_NUMBERS = 256
+SAME_MOMENT = 1e6
+"""Largest time between stamps of one moment, of two cameras [ns]."""
+
+
+class PoseLines(NamedTuple):
+    """Poses of one hand in HOT3D's lines; missing numbers are NaN."""
+
+    hand: HandSide
+    stamps: FloatArray  # stamps [ns], shape (T,)
+    translation: FloatArray  # of the wrist [m], world, shape (T, 3)
+    orientation: FloatArray  # its unit quaternion (w, x, y, z), shape (T, 4)
+    numbers: FloatArray  # numbers under the key, shape (T, N)
+    betas: FloatArray  # shape of the hand, of the first sample that has it; empty for none
+    findings: list[Finding]
+    rows: list[int]  # line of each sample, shape (T,)
+
+
+def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
+    """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
+
+    A line is {"timestamp_ns": …, "hand_poses": {"0": {"wrist_xform": {"t_xyz": […], "q_wxyz": […]}, key: […]}}}; hand 0
+    is the left one. Raises TrajectoryError for other content, or no such hand in it.
+    """
+    lines = list(objects(document if isinstance(document, list) else [document]))
+    frames: list[dict[HandSide, dict[str, Any]]] = []
+    for line in lines:
+        poses = line["hand_poses"] if isinstance(line.get("hand_poses"), dict) else {}
+        given = {side: pose for index, side in HANDS.items() if isinstance(pose := poses.get(index), dict)}
+        frames.append({side: pose for side, pose in given.items() if isinstance(pose.get(key), list)})
+    if not any(frames):
+        raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
+    side, shown, findings = frames_with_hand(frames, wanted)
+    findings += unused(dict.fromkeys(key for line in lines for key in line), ("timestamp_ns", "hand_poses"))
+    stamps, rows = [number(line.get("timestamp_ns")) for line in lines], shown[:1]
+    for row in shown[1:]:
+        if not 0.0 < stamps[row] - stamps[rows[-1]] < SAME_MOMENT:
+            rows.append(row)
+    if len(rows) < len(shown):
+        same = f"{len(shown) - len(rows)} of {len(shown)} poses are of the moment of the one before"
+        findings.append(note(f"{same}, as of a second camera: no samples"))
+    kept = [frames[row][side] for row in rows]
+    wide = max(len(pose[key]) for pose in kept)
+    if wide > MOST_NUMBERS:
+        raise TrajectoryError(f"{wide} numbers a pose; expected those of a hand")
+    wrists = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for pose in kept]
+    turns = np.array([vector(wrist.get("q_wxyz"), "wxyz") for wrist in wrists])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    shape: list[Any] = next((pose["betas"] for pose in kept if isinstance(pose.get("betas"), list)), [])
+    return PoseLines(
+        hand=side,
+        stamps=np.array(stamps)[rows],
+        translation=np.array([vector(wrist.get("t_xyz")) for wrist in wrists]),
+        orientation=turns,
+        numbers=np.array([vector(pose[key], range(wide)) for pose in kept]),
+        betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
+        findings=findings,
+        rows=rows,
+    )
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:

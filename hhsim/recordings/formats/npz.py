@@ -15,10 +15,9 @@ import numpy as np
 from hhsim.errors import TrajectoryError
 from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.content import ZIP, Content, ReadOptions
+from hhsim.recordings.content import ZIP, Content, ReadOptions, nested
 from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
-from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
 from hhsim.recordings.recording import Finding, Recording, note, unused
 from hhsim.recordings.registry import Changes, RecordingFormat

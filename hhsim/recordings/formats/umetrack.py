@@ -15,11 +15,11 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.recordings.formats.mano import posed_tree
-from hhsim.recordings.json_document import SAME_MOMENT, keys_of, read_pose_lines
+from hhsim.recordings.content import Content, ReadOptions, keys_of
+from hhsim.recordings.formats.mano import SAME_MOMENT, posed_tree, read_pose_lines
 from hhsim.recordings.object_poses import ObjectPoses, stamped_poses
 from hhsim.recordings.recording import Finding, note
-from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 
 ANGLES = 20
 PROFILE = "*user_profile.json"
