@@ -1,5 +1,6 @@
 """Content of a file, read no further than needed, and the options for reading it; JSON of any maker."""
 
+import io
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,15 +8,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, BoolArray, IntArray
+from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
-from hhsim.motion.npz_arrays import npz_of, read_npz
-from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays
+from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, read_npy, read_npz
+from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import StatedFields, kind_of
 from hhsim.recordings.recording import Finding, chosen_side, note
@@ -32,8 +33,8 @@ HEAD_BYTES = 4096
 """Size of the beginning of a file that tells its format [byte]."""
 MOST_UNREADABLE = 0.1
 """Largest share of characters of a text that cannot be decoded."""
-NPY, OF_OBJECTS = b"\x93NUMPY", b"'descr': '|O'"
-"""Beginning of an `.npy` file, and what its header says of one that holds objects."""
+NPY, OF_OBJECTS, ROWS = b"\x93NUMPY", b"'descr': '|O'", "rows"
+"""Beginning of an `.npy` file, what its header says of one that holds objects, and a name for the array of another."""
 ZIP, HDF5 = b"PK", b"\x89HDF"
 MOST = 1e20
 """Largest magnitude of a reading: nanoseconds since 1970 are less."""
@@ -42,6 +43,8 @@ UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """First bytes of a text of UTF-16."""
 PICKLES = tuple(bytes((0x80, protocol)) for protocol in range(2, 6))
 """First bytes of a pickle."""
+ARCHIVES = (ZIP, *PICKLES)
+"""First bytes of a file with arrays by their names."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +82,7 @@ class Content:
     """Content of a file, read no further than needed; `path` is None if only its bytes are given.
 
     `name` is the recording's if the content has none, `what` the kind of file that is expected, for messages;
-    `original` the file beside which its hand's sizes and its object's poses may lie. `packed` is the pickle of which
-    `data` has the arrays, empty for any other file.
+    `original` the file beside which its hand's sizes and its object's poses may lie.
     """
 
     def __init__(
@@ -94,18 +96,8 @@ class Content:
     ) -> None:
         self.path, self.original, self.what = path, original or path, what
         self.name = name or (path.stem if path is not None else "")
-        self.packed = b""
         if data is not None:
             self.data = data
-
-    @classmethod
-    def of_recording(cls, path: Path | None, data: bytes | None = None, original: Path | None = None) -> Self:
-        """Return the content of a recording; of a pickled dictionary the arrays, as of an .npz."""
-        content = cls(path, data=data, original=original)
-        if content.head.startswith(PICKLES):
-            content.packed, content.data = content.data, npz_of(pickled_arrays(content.data))
-            content.head = content.data[:HEAD_BYTES]
-        return content
 
     @cached_property
     def data(self) -> bytes:
@@ -141,8 +133,36 @@ class Content:
 
     @cached_property
     def arrays(self) -> dict[str, Any]:
-        """Arrays of an archive by their names; TrajectoryError for a damaged one."""
-        return read_npz(self.data)
+        """Arrays by their names, with slashes between nested ones; TrajectoryError for other content, or damage."""
+        if self.head.startswith(PICKLES):
+            return pickled_arrays(self.data)
+        if self.holds_dictionary:
+            return dict(flat(npy_dictionary(self.data, self.what)))
+        return {ROWS: read_npy(self.data)} if self.head.startswith(NPY) else read_npz(self.data)
+
+    @property
+    def array_names(self) -> set[str]:
+        """Names of the arrays, of which an archive, and a single array, are not read; none of other content."""
+        if self.head.startswith(PICKLES) or self.holds_dictionary:
+            return set(self.arrays)
+        if self.head.startswith(ZIP):
+            return array_names(self.data)
+        return {ROWS} if self.head.startswith(NPY) else set()
+
+    @property
+    def holds_dictionary(self) -> bool:
+        """True for an `.npy` file of a pickled dictionary."""
+        return self.head.startswith(NPY) and OF_OBJECTS in self.head[:256]
+
+    def with_arrays(self, new: Mapping[str, FloatArray]) -> bytes:
+        """Return its bytes with other values in some arrays, all else as it is; InputError for whole numbers."""
+        if self.head.startswith(PICKLES):
+            return pickled_with(self.data, new)
+        if self.holds_dictionary:
+            out = io.BytesIO()
+            np.save(out, np.array(replaced(npy_dictionary(self.data, self.what), new), dtype=object))
+            return out.getvalue()
+        return npy_with(self.data, new[ROWS]) if self.head.startswith(NPY) else npz_with(self.data, new)
 
     @cached_property
     def document(self) -> Any:
@@ -159,10 +179,10 @@ class Content:
 
     def _fields(self) -> dict[str, Any]:
         """Return the values that may stand beside samples by their names."""
-        if self.head.startswith(ZIP):
+        if self.head.startswith(NPY):
+            return self.arrays
+        if self.head.startswith(ARCHIVES):
             return self.arrays | dict(flat({name: nested(values) for name, values in self.arrays.items()}))
-        if self.head.startswith(NPY) and OF_OBJECTS in self.head[:256]:
-            return dict(flat(npy_dictionary(self.data, self.what)))
         if self.is_json:
             return dict(flat(self.document)) if isinstance(self.document, dict) else {}
         if not any(map(kind_of, self.header)):

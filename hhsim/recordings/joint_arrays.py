@@ -20,7 +20,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import MOST, Content, ReadOptions, keys_of, number, objects, vector
+from hhsim.recordings.content import MOST, ROWS, Content, ReadOptions, keys_of, number, objects, vector
 from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
@@ -53,8 +53,6 @@ STAMPED = ("header", "stamp", "timestamp", "time")
 """Keys of objects that hold a stamp."""
 SEARCHED = 64
 """Number of frames, or of entries of a list, that are searched for hands."""
-ROWS = "rows"
-"""Name of an array or a list that has none."""
 LABELS = ("name", "joint", "jointName", "joint_name", "id")
 """Keys of the name of an object in a list."""
 FEWEST = 8

@@ -21,10 +21,10 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
-from hhsim.motion.npz_arrays import numbers, read_npy
+from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
-from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
+from hhsim.recordings.content import ARCHIVES, NPY, ROWS, Content, ReadOptions
 from hhsim.recordings.frames import OURS, quaternions_of
 from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
@@ -53,8 +53,6 @@ SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
     "position": ((3,),), "turn": ((4,), (3,), (3, 3), (9,)), "pose": POSE_SHAPES,
 }  # fmt: skip
 """Shapes of a row of each kind."""
-ROWS = "rows"
-"""Name of an array that has none."""
 OBJECT_UID = "object_uid"
 """Column of the object of each row in a table of several, as HOT3D's."""
 
@@ -364,9 +362,7 @@ def stamped_poses(
 
 def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> dict[str, Any]:
     """Return the arrays of a file by their names, `ROWS` without one; of several objects those of the wanted one."""
-    if content.head.startswith(NPY):
-        return {ROWS: read_npy(content.data)}
-    if content.head.startswith(ZIP):
+    if content.head.startswith((NPY, *ARCHIVES)):
         return content.arrays
     if content.is_json:
         raise TrajectoryError("JSON; expected poses as .csv, .npy or .npz, or among the frames of the recording")

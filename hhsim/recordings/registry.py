@@ -16,9 +16,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-from hhsim.motion.npz_arrays import read_npz
-from hhsim.motion.pickled_data import pickled_with
-from hhsim.recordings.content import ZIP, stated_hand
+from hhsim.recordings.content import PICKLES, ZIP, stated_hand
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.frames import FileFrame, axes_matrix
@@ -189,7 +187,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None, origina
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
     with named(source):
-        return read_content(Content.of_recording(source, original=original), options or ReadOptions())
+        return read_content(Content(source, original=original), options or ReadOptions())
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
@@ -201,7 +199,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = _read(form, content, options)
     # The archive has checked the CRC-32 of each array.
-    proved = content.head.startswith(ZIP) and not content.packed
+    proved = content.head.startswith(ZIP)
     recording = recording.changed(
         hand=options.hand or recording.hand,
         checksums=recording.checksums or ("held" if proved else "missing"),
@@ -275,11 +273,14 @@ def repaired_suffix(path: Path, options: ReadOptions) -> str:
     """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
     content = Content(path)
     try:
-        # The beginning of a pickle does: all of them are written back.
-        return path.suffix if _is_written_back(format_of(content, options), content, options) else NEW_SUFFIXES[0]
+        # All pickles are written back, whatever they hold.
+        if not content.head.startswith(PICKLES):
+            is_same = _is_written_back(format_of(content, options), content, options)
+            return path.suffix if is_same else NEW_SUFFIXES[0]
     except InputError:
         # Whoever reads it says what is wrong.
-        return path.suffix
+        pass
+    return path.suffix
 
 
 def _is_written_back(form: RecordingFormat, content: Content, options: ReadOptions) -> bool:
@@ -322,15 +323,13 @@ def write_recording(
         write_atomically(target, make(suffix, recording.changed(**given)))
         return None
     with named(source):
-        content = Content.of_recording(source)
-        kind, off = format_of(content, options), None
-        data = content.packed or content.data
+        content = Content(source)
+        kind, off, data = format_of(content, options), None, content.data
         if correction.changed.any():
             assert kind.write is not None
             data = kind.write(content, options, changes(recording, correction))
-            data = pickled_with(content.packed, read_npz(data)) if content.packed else data
         if recording.joints is not None:
-            again = _read(kind, Content.of_recording(source, data), replace(options, fits_angles=False))
+            again = _read(kind, Content(source, data=data), replace(options, fits_angles=False))
             assert again.joints is not None
             place = {row: k for k, row in enumerate(again.rows.tolist())}
             found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])

@@ -91,7 +91,7 @@ NONE = {"poses": np.zeros(3)}
 
 
 def read(data: bytes, **options: Any) -> Recording:
-    return read_content(Content.of_recording(None, data), ReadOptions(world_up="y", **options))
+    return read_content(Content(data=data), ReadOptions(world_up="y", **options))
 
 
 @pytest.mark.parametrize(

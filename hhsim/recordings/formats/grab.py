@@ -15,7 +15,6 @@ Pickled dictionaries of `.npy` are read as data, nothing in them is run; a corre
 or later, and its object stays where it was.
 """
 
-import io
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -23,16 +22,14 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import TrajectoryError, named
-from hhsim.motion.npz_arrays import array_names, npz_with, read_npy
-from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
+from hhsim.recordings.content import NPY, ROWS, Content, ReadOptions
 from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES, Finding, chosen_side, note, unused
-from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
@@ -49,7 +46,6 @@ PROCESSED: dict[HandSide, str] = {side: f"world_coord/joints.{side}" for side in
 """Names of the joints in a processed sequence of ARCTIC."""
 ARCTIC_RATE = 30.0
 """Frames a second of ARCTIC [Hz], which its files do not state."""
-DICTIONARY = "ARCTIC's hands"
 CONVERT = (
     "a sequence of GRAB, whose dictionaries are pickled objects, which are not loaded; save their params as arrays: "
     "np.savez(FILE, rhand_global_orient=…, rhand_fullpose=…, rhand_transl=…, object_global_orient=…, object_transl=…, "
@@ -68,20 +64,10 @@ def _hands(names: Iterable[str]) -> dict[HandSide, dict[str, str]]:
     return {side: held for side, held in hands.items() if {"rotation", "pose"} <= chosen_names(held, FIELDS).keys()}
 
 
-def _arrays(content: Content) -> dict[str, Any]:
-    if content.head.startswith(NPY):
-        return dict(flat(npy_dictionary(content.data, DICTIONARY)))
-    if _is_pickled(content):
-        raise TrajectoryError(CONVERT)
-    return content.arrays
-
-
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
-    if content.head.startswith(NPY):
-        arrays = _arrays(content)
-        if any(name in arrays for name in PROCESSED.values()):
-            return _of_joints(arrays, content, options)
+    if content.head.startswith(NPY) and any(name in content.arrays for name in PROCESSED.values()):
+        return _of_joints(content.arrays, content, options)
     content.name = content.name.removesuffix(".mano")
     return _poses(content, options).joints(options)
 
@@ -101,7 +87,9 @@ def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     """Return the hand of the options, else the one of more samples; raises TrajectoryError."""
-    arrays = _arrays(content)
+    if _is_pickled(content):
+        raise TrajectoryError(CONVERT)
+    arrays = content.arrays
     hands = _hands(arrays)
     if not hands:
         held = ", ".join(list(arrays)[:6]) or "nothing"
@@ -127,15 +115,6 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     )
 
 
-def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    new = corrected_arrays(_arrays(content), _poses(content, options), made, options)
-    if content.head.startswith(ZIP):
-        return npz_with(content.data, new)
-    out = io.BytesIO()
-    np.save(out, np.array(replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
-    return out.getvalue()
-
-
 def _object(
     content: Content, arrays: Mapping[str, Any], count: int, arctic: bool, options: ReadOptions
 ) -> tuple[ObjectPoses | None, list[Finding]]:
@@ -147,28 +126,24 @@ def _object(
     if beside is None or beside == path or not beside.is_file():
         return None, []
     with named(beside):
-        rows = read_npy(Content(beside, what="poses of an object").data)
-        poses = poses_in({"object_pose": rows}, count, options)
+        rows = Content(beside, what="poses of an object").arrays
+        poses = poses_in({"object_pose": rows.get(ROWS)}, count, options)
     return poses, [note(f"the object moves as {beside.name} beside it has it")]
 
 
 def _is_pickled(content: Content) -> bool:
-    names = array_names(content.data)
+    names = content.array_names
     return bool(names & {"rhand", "lhand"}) and bool(names & {"object", "body"})
-
-
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(NPY):
-        return OF_OBJECTS in content.head[:256]
-    return content.head.startswith(ZIP) and (_is_pickled(content) or bool(_hands(array_names(content.data))))
 
 
 FORMAT = RecordingFormat(
     "grab",
     "hands and object of ARCTIC or GRAB, with --mano-model",
     (".npy", ".npz", ".pkl"),
-    _sniff,
+    lambda content, options: content.holds_dictionary or _is_pickled(content) or bool(_hands(content.array_names)),
     _read,
-    write=_write,
+    write=lambda content, options, made: content.with_arrays(
+        corrected_arrays(content.arrays, _poses(content, options), made, options)
+    ),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

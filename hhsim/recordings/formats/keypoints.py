@@ -20,9 +20,9 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, read_npy
+from hhsim.motion.npz_arrays import npz_of
 from hhsim.motion.trajectory import as_numbers
-from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
+from hhsim.recordings.content import ARCHIVES, NPY, ROWS, ZIP, Content, ReadOptions
 from hhsim.recordings.joint_arrays import (
     ORDERS,
     columns_of_hand,
@@ -58,11 +58,11 @@ FEWEST_NAMED = 4
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
-    if content.head.startswith(NPY):
-        points = points_of(read_npy(content.data), "the array", content)
-        return JointPositions(**joints_of_rows(points, content, options)[0])
-    if content.head.startswith(ZIP):
-        return _from_npz(content, options)
+    if content.head.startswith((NPY, *ARCHIVES)):
+        key, arrays = _points_key(content, options), content.arrays
+        points = points_of(arrays[key], "the array" if key == ROWS else f"array '{key}'", content)
+        fields, used = joints_of_rows(points, content, options, arrays)
+        return JointPositions(**fields, **beside(arrays, len(points), options, {key, *used}))
     if content.is_json:
         return joints_of_frames(content, options, *frames_in(content.document))
     table, names, notes = _named_table(content)
@@ -84,27 +84,19 @@ def points_of(array: Any, where: str, content: Content) -> FloatArray:
     return readings("position", points, points.shape)
 
 
-def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
-    arrays = content.arrays
-    if not arrays and content.packed:
-        raise TrajectoryError(f"no arrays of numbers; expected one of shape {SHAPES}")
-    if not arrays:
-        files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
-        if "[Content_Types].xml" in files:
-            raise TrajectoryError("an Excel workbook is not read; save it as CSV")
-        raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
-    key = _points_key(content, options)
-    points = points_of(arrays[key], f"array '{key}'", content)
-    fields, used = joints_of_rows(points, content, options, arrays)
-    return JointPositions(**fields, **beside(arrays, len(points), options, {key, *used}))
-
-
 def _points_key(content: Content, options: ReadOptions) -> str:
     """Return the name of the array of points, that of the options if they have one.
 
     Raises TrajectoryError if there is none, or more than one; UnknownNameError for a name that the file does not have.
     """
     arrays = content.arrays
+    if arrays.keys() == {ROWS}:
+        return ROWS
+    if not arrays and content.head.startswith(ZIP):
+        files = ", ".join(sorted(content.array_names)[:4]) or "nothing"
+        if "[Content_Types].xml" in files:
+            raise TrajectoryError("an Excel workbook is not read; save it as CSV")
+        raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     if options.array is not None:
         if options.array not in arrays:
             raise UnknownNameError("array", options.array, arrays)
@@ -116,17 +108,15 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     if len(named) > 1:
         raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which: --array NAME, or --hand")
     if not named:
-        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:MOST_LISTED])
+        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:MOST_LISTED]) or "nothing"
         raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}")
     return named[0]
 
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    if content.head.startswith(NPY):
-        return npy_with(content.data, _moved(read_npy(content.data), content, options, made))
-    if content.head.startswith(ZIP):
+    if content.head.startswith((NPY, *ARCHIVES)):
         key = _points_key(content, options)
-        return npz_with(content.data, {key: _moved(content.arrays[key], content, options, made)})
+        return content.with_arrays({key: _moved(content.arrays[key], content, options, made)})
     table, names, _ = _named_table(content)
     # The columns are numbered in MediaPipe's order, whatever the joints are.
     joints = row_names(joints_of_table(table, names, options).position, content, options)[0]
@@ -199,10 +189,8 @@ def _make(suffix: str, recording: Recording) -> bytes:
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(NPY):
-        return True
-    if content.head.startswith(ZIP):
-        names = array_names(content.data)
+    if content.head.startswith((NPY, *ARCHIVES)):
+        names = content.array_names
         foreign = {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
         return options.array is not None or (bool(names) and not names & foreign)
     if content.is_json:

@@ -24,10 +24,10 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix, rotation_vector
-from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import ZIP, Content, ReadOptions, keys_of, number, objects, stated_hand, vector
+from hhsim.recordings.content import ARCHIVES, ZIP, Content, ReadOptions, keys_of, number, objects, stated_hand, vector
 from hhsim.recordings.object_poses import beside
 from hhsim.recordings.recording import OTHER, Finding, frames_with_hand, note, unused
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
@@ -387,7 +387,7 @@ def read_pose_lines(document: Any, key: str, wanted: HandSide) -> PoseLines:
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
-    if not content.head.startswith(ZIP):
+    if not content.head.startswith(ARCHIVES):
         lines = read_pose_lines(content.document, "pose", options.hand)
         poses = rotation_vector(lines.orientation), lines.numbers, lines.translation, lines.betas, lines.hand
         more = {"time": lines.stamps, "time_unit": "ns", "rows": lines.rows}
@@ -402,15 +402,10 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     return poses_of(arrays, names, side, **beside(arrays, count, options, names.values()))
 
 
-def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    return npz_with(content.data, corrected_arrays(content.arrays, _poses(content, options), made, options))
-
-
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(ZIP):
-        return bool(array_names(content.data) & set(FIELDS["pose"]))
     text = content.beginning
-    return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
+    is_lines = text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
+    return is_lines or not content.array_names.isdisjoint(FIELDS["pose"])
 
 
 FORMAT = RecordingFormat(
@@ -419,6 +414,8 @@ FORMAT = RecordingFormat(
     (".npz", ".jsonl"),
     _sniff,
     lambda content, options: _poses(content, options).joints(options),
-    write=_write,
+    write=lambda content, options, made: content.with_arrays(
+        corrected_arrays(content.arrays, _poses(content, options), made, options)
+    ),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

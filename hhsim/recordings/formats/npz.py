@@ -13,9 +13,9 @@ import json
 import numpy as np
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import npz_of, numbers
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.content import ZIP, Content, ReadOptions, nested
+from hhsim.recordings.content import ARCHIVES, Content, ReadOptions, nested
 from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
@@ -111,13 +111,13 @@ def _make(suffix: str, recording: Recording) -> bytes:
 
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    arrays = read_npz(content.data)
+    arrays = content.arrays
     key = next(key for key in QUATERNIONS if key in arrays)
     place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
     places = _places(key, options)
     place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction)
     new = {"wrist_pos": place, key: turn[:, np.argsort(places)], "flex": flexion, "abd": abduction}
-    return npz_with(content.data, new)
+    return content.with_arrays(new)
 
 
 def _places(name: str, options: ReadOptions) -> list[int]:
@@ -129,7 +129,7 @@ FORMAT = RecordingFormat(
     "npz",
     "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     (".npz",),
-    lambda content, options: content.head.startswith(ZIP),
+    lambda content, options: content.head.startswith(ARCHIVES),
     _read,
     write=_write,
     make=_make,
