@@ -3,7 +3,7 @@
 import io
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,8 +18,9 @@ from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_r
 from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with, replaced
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.joint_names import StatedFields, kind_of
-from hhsim.recordings.recording import Finding, chosen_side, note
+from hhsim.recordings.joint_names import VALIDITY_WORDS, StatedFields, joint_name, kind_of, words_of
+from hhsim.recordings.recording import UNUSED_POSE, Finding, note
+from hhsim.system.counted import counted
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import open_input, read_input
 
@@ -36,6 +37,13 @@ MOST_UNREADABLE = 0.1
 NPY, OF_OBJECTS, ROWS = b"\x93NUMPY", b"'descr': '|O'", "rows"
 """Beginning of an `.npy` file, what its header says of one that holds objects, and a name for the array of another."""
 ZIP, HDF5 = b"PK", b"\x89HDF"
+SHOWN_NAMES = 6
+"""Most names of what is not used in one finding."""
+POSE_WORDS = ("pos", "rot", "quat", "trans", "orient", "matri")
+"""Beginnings of words for a pose or a part of one."""
+OF_OTHERS = ("cam", "hand", "wrist", "palm", "head", "root", "mano", "body", "view", "proj", "intr", "extr", "left",
+             "right")  # fmt: skip
+"""Beginnings of words for what else has a pose."""
 MOST = 1e20
 """Largest magnitude of a reading: nanoseconds since 1970 are less."""
 SHOWN_KEYS = 6
@@ -96,6 +104,8 @@ class Content:
     ) -> None:
         self.path, self.original, self.what = path, original or path, what
         self.name = name or (path.stem if path is not None else "")
+        # Remarks about what was read that are in no recording yet, in the order of their making.
+        self._findings: list[Finding] = []
         if data is not None:
             self.data = data
 
@@ -165,6 +175,11 @@ class Content:
         return npy_with(self.data, new[ROWS]) if self.head.startswith(NPY) else npz_with(self.data, new)
 
     @cached_property
+    def table(self) -> Table:
+        """Table with a header line; TrajectoryError as of `read_table`."""
+        return read_table(self.text)
+
+    @cached_property
     def document(self) -> Any:
         """Document of JSON, as of `read_json`; TrajectoryError with the place of a fault."""
         return read_json(self.text)
@@ -187,9 +202,7 @@ class Content:
             return dict(flat(self.document)) if isinstance(self.document, dict) else {}
         if not any(map(kind_of, self.header)):
             return read_remarks(self.text) if self.is_text else {}
-        table = read_table(self.text)
-        columns = enumerate(table.header)
-        return table.remarks | {name: [row[k].strip() for row in table.rows] for k, name in columns if kind_of(name)}
+        return self.table.remarks | {name: self.table.text(name) for name in self.table.header if kind_of(name)}
 
     @property
     def is_text(self) -> bool:
@@ -225,6 +238,86 @@ class Content:
         text = self.data.decode("utf-8", "surrogateescape")
         return edited(text, table, rows.tolist(), columns).encode("utf-8", "surrogateescape")
 
+    def note(self, *texts: str) -> None:
+        """Tell remarks, each once."""
+        self.tell(*map(note, texts))
+
+    def tell(self, *findings: Finding) -> None:
+        """Add findings that are not there yet."""
+        self._findings += [finding for finding in findings if finding not in self._findings]
+
+    def told(self) -> tuple[Finding, ...]:
+        """Return the remarks since the last call, for the recording that they are about."""
+        found, self._findings = tuple(self._findings), []
+        return found
+
+    def unreadable(self, cells: int, where: str = "") -> None:
+        """Tell of cells of a table without a number, if there are any."""
+        if cells:
+            self.note(f"{counted(cells, 'cell')}{where} without a number: taken as missing")
+
+    def numbers(self, table: Table, columns: Sequence[str], where: str = "") -> FloatArray:
+        """Return the numbers of some columns, NaN where missing, shape (T, C), and tell of cells without one."""
+        values, broken = table.numbers(columns)
+        self.unreadable(broken, where)
+        return values
+
+    def unused(self, held: Mapping[str, Any], used: Collection[str | None] = ()) -> None:
+        """Tell the names of the values that a reader left out, with the shapes of arrays."""
+        # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
+        left = [(name, np.shape(held[name])) for name in held if name not in used and not kind_of(name)]
+        # What states that a reading is not one comes first.
+        left.sort(key=lambda each: joint_name(each[0]).part not in VALIDITY_WORDS)
+        for kind, what in (("note", "not used"), (UNUSED_POSE, "not used, though it looks like the pose of an object")):
+            found = [each for each in left if looks_like_pose(*each) == (kind == UNUSED_POSE)]
+            names = ", ".join(f"{name} {shape}" if shape else name for name, shape in found[:SHOWN_NAMES])
+            more = f" and {len(found) - SHOWN_NAMES} more" if len(found) > SHOWN_NAMES else ""
+            self.tell(*([Finding(kind, f"{what}: {names}{more}")] if found else []))
+
+    def chosen_side(self, samples: Mapping[HandSide, int], wanted: HandSide) -> HandSide:
+        """Return the wanted hand, else the one of more samples (of equals the right one), and tell of the other.
+
+        "" is a hand of no stated side. Raises TrajectoryError where the wanted hand is not in the file.
+        """
+        if wanted and wanted not in samples and "" not in samples:
+            raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
+        if wanted:
+            return wanted if wanted in samples else ""
+        side = max(samples, key=lambda each: (samples[each], each))
+        other = [each for each, count in samples.items() if count and each not in ("", side)]
+        if other:
+            self.note(f"{side} hand; the {other[0]} one is there too: --hand")
+        return side
+
+    def frames_with_hand(self, frames: Sequence[Collection[HandSide]], wanted: HandSide) -> tuple[HandSide, list[int]]:
+        """Return a hand as `chosen_side`, and the indices of the frames that show it, by the hands of each."""
+        seen = Counter(side for sides in frames for side in sides)
+        if not seen:
+            raise TrajectoryError(f"{len(frames)} frames, but no hand in any")
+        side = self.chosen_side(seen, wanted)
+        shown = [k for k, sides in enumerate(frames) if side in sides]
+        if len(shown) < len(frames):
+            self.note(f"{len(frames) - len(shown)} of {len(frames)} frames show no such hand: no samples")
+        return side, shown
+
+    def stated_hand(self, wanted: HandSide, rows: AnyArray) -> tuple[HandSide, BoolArray]:
+        """Return the wanted side, or for "" that of its fields, and the samples that are of it, shape (T,).
+
+        `rows` are the rows of the file that the samples are of. TrajectoryError where fields of each row are fewer.
+        """
+        sides: tuple[HandSide, ...] = self.stated.take("side") or ("",)
+        if len(sides) == 1:
+            if wanted and sides[0] not in ("", wanted):
+                self.note(f"taken for a {wanted} hand, not for the {sides[0]} one that a field states")
+            return wanted or sides[0], np.ones(len(rows), dtype=bool)
+        if len(sides) <= int(np.max(rows, initial=0)):
+            few = f"{len(sides)} sides of a hand for {len(rows)} samples"
+            raise TrajectoryError(f"{few}; expected one, or one a sample")
+        side = self.chosen_side(Counter(each for each in sides if each), wanted)
+        shown = np.array(sides)[rows] == side
+        self.note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")
+        return side, shown
+
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""
         if self.path is not None:
@@ -254,24 +347,15 @@ def _is_text(text: str) -> bool:
     return sum(sign in "\x00\ufffd" for sign in sample) <= MOST_UNREADABLE * len(sample)
 
 
-def stated_hand(
-    content: Content, wanted: HandSide, rows: AnyArray, findings: list[Finding]
-) -> tuple[HandSide, BoolArray]:
-    """Return the wanted side, or for "" that of the content's fields, and the samples that are of it, shape (T,).
-
-    `rows` are the rows of the file that the samples are of. Raises TrajectoryError where fields of each row are fewer.
-    """
-    sides: tuple[HandSide, ...] = content.stated.take("side") or ("",)
-    if len(sides) == 1:
-        if wanted and sides[0] not in ("", wanted):
-            findings.append(note(f"taken for a {wanted} hand, not for the {sides[0]} one that a field states"))
-        return wanted or sides[0], np.ones(len(rows), dtype=bool)
-    if len(sides) <= int(np.max(rows, initial=0)):
-        raise TrajectoryError(f"{len(sides)} sides of a hand for {len(rows)} samples; expected one, or one a sample")
-    side, remarks = chosen_side(Counter(each for each in sides if each), wanted)
-    shown = np.array(sides)[rows] == side
-    findings += [*remarks, note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")]
-    return side, shown
+def looks_like_pose(name: str, shape: tuple[int, ...]) -> bool:
+    """Return True if a value of this name and shape, () if unknown, may be an object's pose or a part of one."""
+    words = [word for word in words_of(name) if word.isalpha()]
+    says_pose = any(word.startswith(POSE_WORDS) for word in words)
+    if any(word.startswith("obj") for word in words):
+        return says_pose and (not shape or shape[-1] in (3, 4, 6, 7, 9, 12, 16))
+    is_matrix = not {shape, shape[1:]}.isdisjoint(((4, 4), (3, 4)))
+    is_row = says_pose and shape[1:] == (7,) and len(words) > 1
+    return (is_matrix or is_row) and not any(word.startswith(OF_OTHERS) for word in words)
 
 
 def read_json(text: str) -> Any:

@@ -38,7 +38,6 @@ from hhsim.recordings.joint_names import (
 )
 from hhsim.recordings.joint_positions import TINY, JointPositions
 from hhsim.recordings.object_poses import poses_in, table_arrays
-from hhsim.recordings.recording import chosen_side, frames_with_hand, note, unreadable, unused
 from hhsim.recordings.unit_detection import time_column
 
 T = TypeVar("T")
@@ -120,37 +119,38 @@ def joint_columns(names: Mapping[str, JointName]) -> Hands[str]:
 
 
 def columns_of_hand(
-    names: Mapping[str, JointName], options: ReadOptions
-) -> tuple[HandSide, dict[str, dict[str, str]], Any]:
-    """Return the hand of the options, else that of more columns, its columns, and findings; error for none."""
+    content: Content, names: Mapping[str, JointName], options: ReadOptions
+) -> tuple[HandSide, dict[str, dict[str, str]]]:
+    """Return the hand of the options, else that of more columns, and its columns; error for none."""
     hands = joint_columns(names)
     if not hands:
         raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
-    side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
-    return side, hands[side], findings
+    side = content.chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    return side, hands[side]
 
 
-def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadOptions, **more: Any) -> JointPositions:
+def joints_of_table(
+    content: Content, table: Table, names: Mapping[str, JointName], options: ReadOptions, **more: Any
+) -> JointPositions:
     """Return the joint centres in a table, whose columns have these meanings, with more fields of `JointPositions`.
 
     It is the hand of the options, else the one with more columns. Raises TrajectoryError for no joints, no such hand,
     or a missing one of the 21 joints.
     """
-    side, joints, remarks = columns_of_hand(names, options)
-    findings, what = [*map(note, table.notes), *remarks], recognised(located(joints), side)
+    content.note(*table.notes)
+    side, joints = columns_of_hand(content, names, options)
+    what = recognised(located(joints), side)
 
     def cells(*columns: str) -> FloatArray:
-        values, broken = table.numbers(columns)
-        findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
-        return values
+        return content.numbers(table, columns, f" of {columns[0]} and its like")
 
     def stated(column: str) -> FloatArray:
         return np.array([*map(stated_value, table.text(column))])
 
     stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
     if stamps.others:
-        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
-    arrays, moved = table_arrays(table, findings)
+        content.note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}")
+    arrays, moved = table_arrays(content, table)
     used = {column for parts in joints.values() for column in parts.values()}
     said = {column: name for column in table.header if column not in used and (name := hand_statement(column))}
     whole = {column: name.part for column, name in said.items() if name.side in ("", side)}
@@ -160,7 +160,7 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         if name.joint and name.side in joint_columns(names) and name.side != side
     }
     used |= {*stamps.names, *stamps.others, *whole}
-    findings += unused(dict.fromkeys(table.header), used | moved | others)
+    content.unused(dict.fromkeys(table.header), used | moved | others)
     measured = [column for j in KEYPOINTS for part, column in joints[j].items() if part in ("x", "y", "z", "radius")]
     held = dict(zip(measured, cells(*measured).T))
     parts = {
@@ -174,7 +174,6 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
         time_unit=stamps.unit,
         hand=side,
         object_poses=poses_in(arrays, len(table.rows), options),
-        findings=findings,
     )
 
 
@@ -341,7 +340,7 @@ def joints_of_frames(
         given = [parts[axis].reshape(count, -1) for parts in joints.values() for axis in ("", "x") if axis in parts]
         places[side] = np.concatenate(given, axis=1)
     seen = {side: np.asarray(np.isfinite(values).any(axis=1)) for side, values in places.items()}
-    side, shown, findings = frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
+    side, shown = content.frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
     poses = poses_in(held | {name: values for _, name, values in leaves(dict(beside))}, count, options)
     single = (name for name, values in held.items() if values.ndim == 1 and not joint_name(name).joint)
     stamps = time_column(name for name in single if "." not in name or name.partition(".")[0] in STAMPED)
@@ -350,7 +349,7 @@ def joints_of_frames(
     stated = [(said.part, arrays[key]) for key, said in whole if {said.side, key[0]} <= {"", side}]
     used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *stamps.names}
     keys = dict.fromkeys(str(key) for frame in frames if isinstance(frame, dict) for key in frame)
-    findings += unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
+    content.unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
     if side in hands:
         fields = named_joints(hands[side], stated, count) | {"what": recognised(located(hands[side]), side)}
     else:
@@ -362,12 +361,7 @@ def joints_of_frames(
             # A world with y up has joints of OpenXR or WebXR, whether their names stand there or not.
             fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
     found = JointPositions(
-        **fields | more,
-        time=stamps.stamps(held.__getitem__),
-        time_unit=stamps.unit,
-        hand=side,
-        object_poses=poses,
-        findings=findings,
+        **fields | more, time=stamps.stamps(held.__getitem__), time_unit=stamps.unit, hand=side, object_poses=poses
     )
     return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
 

@@ -16,14 +16,14 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-from hhsim.recordings.content import PICKLES, ZIP, stated_hand
+from hhsim.recordings.content import PICKLES, ZIP
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Recording, note
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -222,14 +222,14 @@ def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Reco
     except ModuleNotFoundError as error:
         raise TrajectoryError(f"{form.description}, is read by {error.name}: pip install {error.name}") from None
     recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
-    return recording.changed(form=recording.form or form.name, name=recording.name or content.name)
+    recording = recording.changed(form=recording.form or form.name, name=recording.name or content.name)
+    return recording.found(*content.told())
 
 
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:
     """Return a recording of angles with the side and the unit that fields of its file state."""
-    findings: list[Finding] = []
-    side, shown = stated_hand(content, recording.hand, recording.rows, findings)
-    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side).found(*findings)
+    side, shown = content.stated_hand(recording.hand, recording.rows)
+    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side).found(*content.told())
     frame = recording.file_frame
     if not recording.hand and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
         text = "nothing names the hand; with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"

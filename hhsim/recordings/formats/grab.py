@@ -28,7 +28,7 @@ from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.recording import SIDES, Finding, chosen_side, note, unused
+from hhsim.recordings.recording import SIDES
 from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
@@ -74,15 +74,16 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 
 def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> JointPositions:
     """Return the joints of a processed sequence, which need no model of the hand."""
-    side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
+    counts = {of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}
+    side = content.chosen_side(counts, options.hand)
     points = points_of(arrays[PROCESSED[side]], PROCESSED[side], content)
     poses = poses_in(arrays, len(points), options)
     if poses is not None and poses.metre is None:
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
-    remarks += unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
+    content.unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
     fields, _ = joints_of_rows(points, content, options)
-    return JointPositions(**fields, findings=remarks, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
+    return JointPositions(**fields, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
@@ -96,39 +97,32 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
         raise TrajectoryError(f"no hand, it holds {held}; expected right and left with rot, pose and trans")
     words = {side: chosen_names(held, FIELDS) for side, held in hands.items()}
     poses = {side: arrays[held[words[side]["pose"]]] for side, held in hands.items()}
-    side, remarks = chosen_side({side: len(np.atleast_1d(each)) for side, each in poses.items()}, options.hand)
+    side = content.chosen_side({side: len(np.atleast_1d(each)) for side, each in poses.items()}, options.hand)
     word, names = words[side]["pose"], {field: hands[side][each] for field, each in words[side].items()}
     few = word == "hand_pose" and np.shape(poses[side])[-1] < ANGLES
-    moved, found = _object(content, arrays, len(np.atleast_1d(poses[side])), word == "pose", options)
+    moved = _object(content, len(np.atleast_1d(poses[side])), word == "pose", options)
     if "betas" not in names or not np.size(arrays[names["betas"]]):
-        found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
+        content.note("no shape of the hand: the model's mean one, whose bones may be millimetres off")
     used = {*(name for held in hands.values() for name in held.values()), *(moved.names if moved is not None else ())}
     more = {*hands[side].values()} - {*names.values()}
-    return poses_of(
-        arrays,
-        names,
-        side,
-        [*remarks, *found, *unused(arrays, used - more)],
-        "pca-flat" if few else READINGS.get(word),
-        rate=ARCTIC_RATE if word == "pose" else None,
-        object_poses=moved,
-    )
+    content.unused(arrays, used - more)
+    reading, rate = "pca-flat" if few else READINGS.get(word), ARCTIC_RATE if word == "pose" else None
+    return poses_of(content, names, side, reading, rate=rate, object_poses=moved)
 
 
-def _object(
-    content: Content, arrays: Mapping[str, Any], count: int, arctic: bool, options: ReadOptions
-) -> tuple[ObjectPoses | None, list[Finding]]:
-    """Return the object's poses among the arrays, else those of ARCTIC's file beside, and findings about them."""
-    poses, path = poses_in(arrays, count, options), content.original
+def _object(content: Content, count: int, arctic: bool, options: ReadOptions) -> ObjectPoses | None:
+    """Return the object's poses among the arrays, else those of ARCTIC's file beside."""
+    poses, path = poses_in(content.arrays, count, options), content.original
     if poses is not None:
-        return (poses._replace(metre=poses.metre or 1e-3) if arctic else poses), []
+        return poses._replace(metre=poses.metre or 1e-3) if arctic else poses
     beside = path and path.with_name(path.name.replace(".mano.", ".object."))
     if beside is None or beside == path or not beside.is_file():
-        return None, []
+        return None
     with named(beside):
         rows = Content(beside, what="poses of an object").arrays
         poses = poses_in({"object_pose": rows.get(ROWS)}, count, options)
-    return poses, [note(f"the object moves as {beside.name} beside it has it")]
+    content.note(f"the object moves as {beside.name} beside it has it")
+    return poses
 
 
 def _is_pickled(content: Content) -> bool:

@@ -37,7 +37,7 @@ from hhsim.recordings.joint_arrays import (
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
 from hhsim.recordings.object_poses import beside
-from hhsim.recordings.recording import Recording, note, readings
+from hhsim.recordings.recording import Recording, readings
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -62,13 +62,12 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         key, arrays = _points_key(content, options), content.arrays
         points = points_of(arrays[key], "the array" if key == ROWS else f"array '{key}'", content)
         fields, used = joints_of_rows(points, content, options, arrays)
-        return JointPositions(**fields, **beside(arrays, len(points), options, {key, *used}))
+        return JointPositions(**fields, **beside(content, len(points), options, {key, *used}))
     if content.is_json:
         return joints_of_frames(content, options, *frames_in(content.document))
-    table, names, notes = _named_table(content)
-    joints = joints_of_table(table, names, options)
+    joints = joints_of_table(content, *_named_table(content), options)
     fields, _ = joints_of_rows(joints.position, content, options)
-    return replace(joints, findings=[*map(note, notes), *joints.findings], **fields)
+    return replace(joints, **fields)
 
 
 def points_of(array: Any, where: str, content: Content) -> FloatArray:
@@ -117,13 +116,13 @@ def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     if content.head.startswith((NPY, *ARCHIVES)):
         key = _points_key(content, options)
         return content.with_arrays({key: _moved(content.arrays[key], content, options, made)})
-    table, names, _ = _named_table(content)
+    table, names = _named_table(content)
     # The columns are numbered in MediaPipe's order, whatever the joints are.
-    joints = row_names(joints_of_table(table, names, options).position, content, options)[0]
+    joints = row_names(joints_of_table(content, table, names, options).position, content, options)[0]
     read = dict(zip(KEYPOINTS, joints))
     names = {column: name._replace(joint=read[name.joint]) for column, name in names.items()}
     columns: dict[str, NewColumn] = {}
-    for joint, parts in columns_of_hand(names, options)[1].items():
+    for joint, parts in columns_of_hand(content, names, options)[1].items():
         cells = [parts[axis] for axis in "xyz"]
         moved = made.moved(joint, table.numbers(cells)[0][made.rows])
         columns |= {cell: NewColumn(values, made.digits) for cell, values in zip(cells, moved.T)}
@@ -159,12 +158,13 @@ def _numbered_names(header: tuple[str, ...]) -> dict[str, JointName]:
     return {column: name for column, name in names.items() if name.side in whole}
 
 
-def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list[str]]:
-    """Return the table, the meanings of its columns, and notes about them."""
+def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName]]:
+    """Return the table, and the meanings of its columns."""
     header = content.header
     bare = len(header) == len(COORDINATES) and lacks_names(header)
     table = read_table(content.text, names=[f"{name.part} of {name.joint}" for name in COORDINATES] if bare else None)
-    notes = ["no header line: the first line is a sample"] if bare else []
+    if bare:
+        content.note("no header line: the first line is a sample")
     names: Mapping[str, JointName] = _numbered_names(table.header)
     if not names:
         stamps = time_column(table.header)
@@ -173,8 +173,8 @@ def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list
             given = f"{len(columns)} columns{' and a time' if stamps.name else ''}"
             raise TrajectoryError(f"{given}; expected {len(COORDINATES)} coordinates of {COUNT} points")
         names = dict(zip(columns, COORDINATES))
-        notes.append(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
-    return table, names, notes
+        content.note(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
+    return table, names
 
 
 def _make(suffix: str, recording: Recording) -> bytes:

@@ -17,7 +17,7 @@ from hhsim.recordings.content import Content, ReadOptions, keys_of, number, obje
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import axis_flip
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, note, unused
+from hhsim.recordings.recording import SIDES, Recording
 from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 
@@ -42,11 +42,11 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not any(sides):
         held = frames[0] if frames else found.get("frames", document)
         raise TrajectoryError(f"no hand in any of {len(frames)} frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
-    side, shown, findings = frames_with_hand(sides, options.hand)
+    side, shown = content.frames_with_hand(sides, options.hand)
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
-        findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
-    findings += unused(found, ("frames", "metadata"))
+        content.note(f"{len(frames)} frames where the file says {stated}: some are lost")
+    content.unused(found, ("frames", "metadata"))
     hands = [_hand(frames[k], side) for k in shown]
     flip = axis_flip(options.mirror)
     direction, normal = (
@@ -65,7 +65,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         palm=palm_rotation(direction, -normal),
         device="Leap Motion",
-        findings=findings,
         rows=shown,
     )
     confidence, made = np.array([number(hand.get("confidence")) for hand in hands]), metadata.get("generatedBy")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, joint_name
-from hhsim.recordings.recording import MOST_SAMPLES, chosen_side, note, unused
+from hhsim.recordings.recording import MOST_SAMPLES
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
@@ -48,19 +48,19 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         what = f"no hand among the channels, which are {held or 'none'}"
         raise TrajectoryError(f"{what}; expected {HAND_SCHEMA} on left_hand or right_hand")
     seen = {side: [k for k, sample in enumerate(each) if sample[1] is not None] for side, each in samples.items()}
-    side, findings = chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
-    findings += unused(
+    side = content.chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
+    content.unused(
         dict.fromkeys(topic for topic, schema in channels if not joint_name(topic).side or schema != HAND_SCHEMA)
     )
     total, shown = len(samples[side]), [samples[side][k] for k in seen[side]]
     if not shown:
         raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
     if len(shown) < total:
-        findings.append(note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples"))
+        content.note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples")
     stamped = all(len(stamps) == 3 for stamps, _ in shown)
     given = np.array([stamps[1 if stamped else -1] for stamps, _ in shown], dtype=np.int64)
     logged = "when the messages were logged; the records have no others"
-    findings.append(note("stamps: " + ("when the sample was taken, host's clock" if stamped else logged)))
+    content.note("stamps: " + ("when the sample was taken, host's clock" if stamped else logged))
     joints = np.array([joints for _, joints in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     with np.errstate(invalid="ignore"):
@@ -77,7 +77,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         radius=radius if known else None,
         validity={"valid": joints["valid"][:, places].astype(np.float64)},
         device="OpenXR through Isaac Teleop",
-        findings=findings,
         rows=seen[side],
     )
 
