@@ -23,7 +23,7 @@ from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.recording import Recording, note
+from hhsim.recordings.recording import Recording
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -198,20 +198,18 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = _read(form, content, options)
-    # The archive has checked the CRC-32 of each array.
-    proved = content.head.startswith(ZIP)
     recording = recording.changed(
         hand=options.hand or recording.hand,
-        checksums=recording.checksums or ("held" if proved else "missing"),
+        # An archive has checked the CRC-32 of each array.
+        checksums=recording.checksums or ("held" if content.head.startswith(ZIP) else "missing"),
         is_written_back=_is_written_back(form, content, options),
     )
     if recording.bones is None and recording.sample_count:
         recording = _with_stated_fields(recording, content, options)
     if options.mirror is not None:
-        recording = recording.found(
-            note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
-        )
-    return recording.found(*map(note, content.stated.told()))
+        content.note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
+    content.note(*content.stated.told())
+    return recording.found(*content.told())
 
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
@@ -229,11 +227,11 @@ def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Reco
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:
     """Return a recording of angles with the side and the unit that fields of its file state."""
     side, shown = content.stated_hand(recording.hand, recording.rows)
-    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side).found(*content.told())
+    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side)
     frame = recording.file_frame
-    if not recording.hand and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
-        text = "nothing names the hand; with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
-        recording = recording.found(note(text))
+    if not side and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
+        unsure = "with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
+        content.note(f"nothing names the hand; {unsure}")
     stated = "length" in recording.stated or recording.scaled or options.length_unit is not None
     metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
     if metre is not None:
