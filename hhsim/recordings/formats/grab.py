@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import TrajectoryError, named
+from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import NPY, ROWS, Content, ReadOptions
+from hhsim.recordings.content import NPY, Content, ReadOptions
 from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
@@ -119,8 +120,8 @@ def _object(content: Content, count: int, arctic: bool, options: ReadOptions) ->
     if beside is None or beside == path or not beside.is_file():
         return None
     with named(beside):
-        rows = Content(beside, what="poses of an object").arrays
-        poses = poses_in({"object_pose": rows.get(ROWS)}, count, options)
+        rows = read_npy(Content(beside, what="poses of an object").data)
+        poses = poses_in({"object_pose": rows}, count, options)
     content.note(f"the object moves as {beside.name} beside it has it")
     return poses
 

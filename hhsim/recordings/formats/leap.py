@@ -12,7 +12,6 @@ import numpy as np
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions, keys_of, number, objects, read_json, vector
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import axis_flip
@@ -47,7 +46,9 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if isinstance(stated, int) and stated != len(frames):
         content.note(f"{len(frames)} frames where the file says {stated}: some are lost")
     content.unused(found, ("frames", "metadata"))
-    hands = [_hand(frames[k], side) for k in shown]
+    # Of several hands of a side the longest visible.
+    ours = ([hand for hand in objects(frames[k].get("hands")) if hand.get("type") == side] for k in shown)
+    hands = [max(each, key=lambda hand: np.nan_to_num(number(hand.get("timeVisible")))) for each in ours]
     flip = axis_flip(options.mirror)
     direction, normal = (
         flip * np.array([vector(hand.get(key)) for hand in hands]) for key in ("direction", "palmNormal")
@@ -125,12 +126,6 @@ def _unpacked(structure: Any, packed: Any, where: str, depth: int = 0) -> Any:
         else:
             out[str(key)] = value
     return out
-
-
-def _hand(frame: Mapping[str, Any], side: HandSide) -> Mapping[str, Any]:
-    """Return the hand of this side, of several the longest visible."""
-    hands = [hand for hand in objects(frame.get("hands")) if hand.get("type") == side]
-    return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)))
 
 
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> list[list[float]]:

@@ -328,12 +328,11 @@ class PoseLines(NamedTuple):
     """Poses of one hand in HOT3D's lines; missing numbers are NaN."""
 
     hand: HandSide
-    stamps: FloatArray  # stamps [ns], shape (T,)
     translation: FloatArray  # of the wrist [m], world, shape (T, 3)
     orientation: FloatArray  # its unit quaternion (w, x, y, z), shape (T, 4)
     numbers: FloatArray  # numbers under the key, shape (T, N)
     betas: FloatArray  # shape of the hand, of the first sample that has it; empty for none
-    rows: list[int]  # line of each sample, shape (T,)
+    fields: dict[str, Any]  # stamps, and line of each sample: fields of `JointPositions`
 
 
 def read_pose_lines(content: Content, key: str, wanted: HandSide) -> PoseLines:
@@ -371,12 +370,11 @@ def read_pose_lines(content: Content, key: str, wanted: HandSide) -> PoseLines:
     shape: list[Any] = next((pose["betas"] for pose in kept if isinstance(pose.get("betas"), list)), [])
     return PoseLines(
         hand=side,
-        stamps=np.array(stamps)[rows],
         translation=np.array([vector(wrist.get("t_xyz")) for wrist in wrists]),
         orientation=turns,
         numbers=np.array([vector(pose[key], range(wide)) for pose in kept]),
         betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
-        rows=rows,
+        fields={"time": np.array(stamps)[rows], "time_unit": "ns", "rows": rows},
     )
 
 
@@ -384,8 +382,7 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     if not content.head.startswith(ARCHIVES):
         lines = read_pose_lines(content, "pose", options.hand)
         poses = rotation_vector(lines.orientation), lines.numbers, lines.translation, lines.betas, lines.hand
-        more = {"time": lines.stamps, "time_unit": "ns", "rows": lines.rows}
-        return ManoPoses(*poses, more=more)
+        return ManoPoses(*poses, more=lines.fields)
     arrays = content.arrays
     names = chosen_names(arrays)
     if "pose" not in names:

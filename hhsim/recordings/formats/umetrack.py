@@ -45,17 +45,15 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
     if up is None:
         content.note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up")
         up = "y"
-    moved = _object_beside(content, poses.stamps, options)
+    moved = _object_beside(content, poses.fields["time"], options)
     return JointPositions(
         position=local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None],
         what=f"{ANGLES} angles of the {poses.hand} hand, sizes from {path.name}{chosen}",
-        time=poses.stamps,
-        time_unit="ns",
         hand=poses.hand,
         unit=1.0,
         up=up,
         object_poses=moved,
-        rows=poses.rows,
+        **poses.fields,
     )
 
 
