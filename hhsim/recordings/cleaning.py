@@ -10,8 +10,6 @@ their numbers become NaN, to be interpolated. What a hand could have done stays;
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
-from functools import partial
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,8 +62,12 @@ PATH_RATIO = 1.02
 TOO_LONG = "too long to bridge; cut a part out with --from and --to, or allow it with --max-gap"
 FILLED = "interpolated, and at the ends the nearest one is held"
 
-Vectors = Callable[[IntArray, IntArray], FloatArray]
-"""Vectors between the samples of two arrays of indices, shape (N, C)."""
+Way = Callable[[FloatArray, FloatArray], FloatArray]
+"""Vectors from samples to others, shape (N, …); of quaternions rotation vectors [rad]."""
+
+
+def _difference(first: FloatArray, second: FloatArray) -> FloatArray:
+    return np.asarray(second - first)
 
 
 class Kind(NamedTuple):
@@ -78,10 +80,11 @@ class Kind(NamedTuple):
     force: float  # largest second derivative [unit/s²]
     noise: float  # largest change that is noise of the tracker [unit]
     outlier: SampleFlag  # flag of a sample that is replaced
+    way: Way = _difference
 
 
 POSITION = Kind("position", "palm position", "m", 10.0, 500.0, 0.01, SampleFlag.PALM_OUTLIER)
-ORIENTATION = Kind("orientation", "palm orientation", "rad", 50.0, 4000.0, 0.15, SampleFlag.PALM_OUTLIER)
+ORIENTATION = Kind("orientation", "palm orientation", "rad", 50.0, 4000.0, 0.15, SampleFlag.PALM_OUTLIER, turn)
 JOINT = Kind("angles", "joint angle", "rad", 60.0, 5000.0, 0.25, SampleFlag.FINGERS_OUTLIER)
 
 LONGEST_RUN = 0.25
@@ -322,12 +325,9 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
         part, out = values[:, first : first + width], np.zeros(total, dtype=bool)
         # A quaternion of length zero is no orientation.
         index = np.flatnonzero(np.isfinite(part).all(axis=1) & (kind is not ORIENTATION or (part != 0.0).any(axis=1)))
-        vector = partial(_way, part, kind)
         if index.size >= 3:
-            fast = np.linalg.norm(vector(index[:-1], index[1:]), axis=1)
-            fast = fast > kind.noise + kind.speed * np.diff(time[index])
-            worst = max(worst, _mark_runs(time, index, vector, kind, fast, out, jump) if fast.any() else 0.0)
-            worst = max(worst, _mark_spikes(time, index[~out[index]], vector, kind, out))
+            runs = _mark_runs(time, index, part, kind, out, jump)
+            worst = max(worst, runs, _mark_spikes(time, index[~out[index]], part, kind, out))
         bad[:, first : first + width] = out[:, None]
     outliers = np.asarray(bad.any(axis=1))
     found = int((outliers | jump).sum())
@@ -345,17 +345,12 @@ def _without_outliers(recording: Recording, kind: Kind) -> Recording:
     return recording.flagged(jump, SampleFlag.JUMP, text)
 
 
-def _way(values: FloatArray, kind: Kind, a: IntArray, b: IntArray) -> FloatArray:
-    """Return the vectors from samples a to samples b of values, shape (T, C); of quaternions rotation vectors [rad]."""
-    return turn(values[a], values[b]) if kind is ORIENTATION else np.asarray(values[b] - values[a])
-
-
 def _mark_runs(
-    time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, fast: BoolArray, bad: BoolArray, jump: BoolArray
+    time: FloatArray, index: IntArray, part: FloatArray, kind: Kind, bad: BoolArray, jump: BoolArray
 ) -> float:
     """Mark runs that the main motion cannot reach, or jumps where they are too long; return the largest deviation."""
-    edges = [0, *(np.flatnonzero(fast) + 1).tolist(), index.size]
-    runs = [index[a:b] for a, b in pairwise(edges)]
+    steps = np.linalg.norm(kind.way(part[index[:-1]], part[index[1:]]), axis=1)
+    runs = np.split(index, np.flatnonzero(steps > kind.noise + kind.speed * np.diff(time[index])) + 1)
     longest = int(np.argmax([run.size for run in runs]))
     worst = 0.0
     for direction in (1, -1):
@@ -363,7 +358,7 @@ def _mark_runs(
         believed = runs[longest]
         for run in runs[longest + 1 :] if direction > 0 else runs[:longest][::-1]:
             a, b = (believed[-1:], run[:1]) if direction > 0 else (run[-1:], believed[:1])
-            off = float(np.linalg.norm(vector(a, b), axis=1)[0])
+            off = float(np.linalg.norm(kind.way(part[a], part[b])))
             if off <= kind.noise + kind.speed * float(time[b[0]] - time[a[0]]):
                 believed = run
             elif run.size <= LONGEST_COUNT and time[run[-1]] - time[run[0]] <= LONGEST_RUN:
@@ -375,19 +370,18 @@ def _mark_runs(
     return worst
 
 
-def _mark_spikes(time: FloatArray, index: IntArray, vector: Vectors, kind: Kind, bad: BoolArray) -> float:
+def _mark_spikes(time: FloatArray, index: IntArray, part: FloatArray, kind: Kind, bad: BoolArray) -> float:
     """Mark single samples that no force could have moved there and back; return the largest deviation."""
     if index.size < 3:
         return 0.0
-    a, b, c = index[:-2], index[1:-1], index[2:]
-    before, after = time[b] - time[a], time[c] - time[b]
-    over = vector(a, c)
-    off = np.linalg.norm(vector(a, b) - (before / (before + after))[:, None] * over, axis=1)
-    spike = (2.0 * off > kind.force * before * after) & (off > kind.noise) & (np.linalg.norm(over, axis=1) < off)
+    time, part = time[index], part[index]
+    step, over = np.diff(time), np.linalg.norm(kind.way(part[:-2], part[2:]), axis=1)
+    off = np.linalg.norm(_off_chord(time, part, kind.way), axis=1)
+    spike = (2.0 * off > kind.force * step[:-1] * step[1:]) & (off > kind.noise) & (over < off)
     # The largest of neighbouring deviations is the spike: its neighbours' chords contain it.
     padded = np.concatenate([[0.0], off, [0.0]])
     spike &= (off >= padded[:-2]) & (off >= padded[2:])
-    bad[b[spike]] = True
+    bad[index[1:-1][spike]] = True
     return float(off[spike].max(initial=0.0))
 
 
@@ -420,13 +414,12 @@ def _suspects(recording: Recording) -> Recording:
 
 def suspect_joints(recording: Recording) -> Recording:
     """Flag samples with a joint out of line with the samples around, or a bone of another length; they stay."""
-    joints, time, count = recording.joints, recording.time, recording.sample_count
+    joints, count = recording.joints, recording.sample_count
     if joints is None or count < 2 * WINDOW + 2:
         return recording
     off = np.zeros(joints.shape[:2])
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None, None]
-        off[1:-1] = np.linalg.norm(joints[1:-1] - joints[:-2] - share * (joints[2:] - joints[:-2]), axis=2)
+        off[1:-1] = np.linalg.norm(_off_chord(recording.time, joints), axis=2)
     fingers = joints[:, 1:].reshape(count, 5, 4, 3)
     length = np.linalg.norm(np.diff(fingers, axis=2), axis=-1).reshape(count, 15)
     known = np.isfinite(length).all(axis=1)
@@ -449,14 +442,16 @@ def _usual(off: FloatArray) -> FloatArray:
 
 def bend(recording: Recording) -> FloatArray:
     """Compute the distance of each sample but the ends from the chord of its neighbours [m of a fingertip]."""
-    time, q = recording.time, recording.orientation
-    share = ((time[1:-1] - time[:-2]) / (time[2:] - time[:-2]))[:, None]
-    parts = [
-        values[1:-1] - values[:-2] - share * (values[2:] - values[:-2])
-        for values in (recording.position, FINGER_ARM * recording.angles)
-    ]
-    parts.append(PALM_ARM * (turn(q[:-2], q[1:-1]) - share * turn(q[:-2], q[2:])))
+    time = recording.time
+    parts = [_off_chord(time, values) for values in (recording.position, FINGER_ARM * recording.angles)]
+    parts.append(PALM_ARM * _off_chord(time, recording.orientation, turn))
     return np.asarray(np.sqrt(sum(np.nansum(off * off, axis=1) for off in parts)))
+
+
+def _off_chord(time: FloatArray, values: FloatArray, way: Callable[..., FloatArray] = _difference) -> FloatArray:
+    """Return the vectors from the chords of samples' neighbours to all samples but the ends, shape (T - 2, …)."""
+    share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
+    return way(values[:-2], values[1:-1]) - share.reshape(-1, *[1] * (values.ndim - 1)) * way(values[:-2], values[2:])
 
 
 def _amount(value: float, unit: str) -> str:

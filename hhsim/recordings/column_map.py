@@ -18,10 +18,10 @@ from hhsim.errors import InputError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.content import ReadOptions
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.frames import OURS, FileFrame, axes_matrix, turned, world_matrix
 from hhsim.recordings.object_poses import placed, poses_in, table_arrays
-from hhsim.recordings.recording import Finding, Recording, note, unreadable, unused
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.unit_detection import ANGLE_UNITS, LENGTH_UNITS, TIME_UNITS, time_column
 from hhsim.recordings.unit_detection import TimeColumn as StampColumns
 from hhsim.system.counted import counted
@@ -150,7 +150,9 @@ def read_column_map(path: Path) -> ColumnMap:
     return read_settings(path, ColumnMap, "mapping of columns")
 
 
-def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collection[str] = ()) -> Recording:
+def mapped(
+    content: Content, table: Table, columns: ColumnMap, options: ReadOptions, used: Collection[str] = ()
+) -> Recording:
     """Make the recording of a table, with the object whose pose is in its columns.
 
     Frames of the options go before those of the mapping; `used` are columns that it does not name and that are read
@@ -158,62 +160,58 @@ def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collect
     """
     axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
     count = len(table.rows)
-    findings: list[Finding] = [note(text) for text in table.notes]
+    content.note(*table.notes)
     broken = 0
 
-    def numbers(names: tuple[str, ...], factor: float) -> FloatArray:
+    def numbers(*names: str) -> FloatArray:
         nonlocal broken
         values, bad = table.numbers(names)
         broken += bad
-        return values * factor
+        return values
 
-    stamp_names: tuple[str, ...] = ()
+    stamps = StampColumns()
     if columns.time is not None:
         found, stamps = time_column(table.header), StampColumns(columns.time.column, columns.time.unit or "s")
         # Seconds may stand beside a column of what is left of one.
-        if found is not None and found.fraction and (found.name, "s") == stamps[:2]:
+        if found.fraction and (found.name, "s") == stamps[:2]:
             stamps = found
-        stamp_names = stamps.names
-        if stamps.fraction:
-            findings.append(note(f"stamps from columns {' and '.join(stamp_names)}"))
-        time = TIME_UNITS[stamps.unit or "s"] * stamps.stamps(lambda name: numbers((name,), 1.0)[:, 0])
-    else:
-        time = np.arange(count) / (columns.rate or 1.0)
-        findings.append(note(f"no column of stamps: made from the rate, {columns.rate:g} Hz"))
-    frame = FileFrame.of(
-        up, options.mirror or columns.mirror, LENGTH_UNITS[(columns.position and columns.position.unit) or "m"]
-    )
+            content.note(f"stamps from columns {' and '.join(stamps.names)}")
+    time, step = stamps.stamps(lambda name: numbers(name)[:, 0]), TIME_UNITS[stamps.unit or "s"]
+    if time is None:
+        time, step = np.arange(count) / (columns.rate or 1.0), 1.0
+        content.note(f"no column of stamps: made from the rate, {columns.rate:g} Hz")
+    metre = LENGTH_UNITS[(columns.position and columns.position.unit) or "m"]
+    frame, position = FileFrame.of(up, options.mirror or columns.mirror, metre), np.zeros((count, 3))
     if columns.position is not None:
-        position = numbers(columns.position.columns, 1.0)
+        position = numbers(*columns.position.columns)
     else:
-        position = np.zeros((count, 3))
-        findings.append(note(NO_PLACE))
+        content.note(NO_PLACE)
     orientation = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     if columns.orientation is not None:
         order = columns.orientation.order
         if len(columns.orientation.columns) == 3:
             from scipy.spatial.transform import Rotation
 
-            angles = numbers(columns.orientation.columns, ANGLE_UNITS[columns.orientation.unit])
+            angles = numbers(*columns.orientation.columns) * ANGLE_UNITS[columns.orientation.unit]
             orientation = Rotation.from_euler(order, angles).as_quat(scalar_first=True)
         else:
-            orientation = numbers(columns.orientation.columns, 1.0)[:, [order.index(part) for part in "wxyz"]]
+            orientation = numbers(*columns.orientation.columns)[:, [order.index(part) for part in "wxyz"]]
     angles = np.zeros((count, len(JOINT_NAMES)))
     joints = columns.joint_columns
     for joint, source in joints.items():
         if source.column is not None:
-            read = numbers((source.column,), 1.0)[:, 0]
+            read = numbers(source.column)[:, 0]
             unit = ANGLE_UNITS[source.unit or columns.angle.unit or "rad"]
             angles[:, JOINT_NAMES.index(joint)] = source.scale * (read - source.offset) * unit
     followed = {joint: source for joint, source in joints.items() if source.joint is not None}
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
-    findings += unreadable(broken)
+    content.unreadable(broken)
     position, orientation = frame.poses(position, orientation, axes)
     if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))
     recording = Recording(
-        time=time,
+        time=step * time,
         position=position,
         orientation=orientation,
         flexion=angles[:, :15].reshape(count, 5, 3),
@@ -223,11 +221,10 @@ def mapped(table: Table, columns: ColumnMap, options: ReadOptions, used: Collect
         hand=columns.hand or "",
         hand_length=columns.hand_length,
         file_frame=frame,
-        findings=tuple(findings),
+        findings=content.told(),
     )
     text = f"{counted(len(followed), 'joint')} not measured but made from others: {', '.join(followed)}"
     recording = recording.flagged(np.full(count, bool(followed)), SampleFlag.ESTIMATED, text)
-    findings = []
-    arrays, moved = table_arrays(table, findings)
-    findings += unused(dict.fromkeys(table.header), moved | columns.names | {*stamp_names, *used})
-    return placed(recording.found(*findings), poses_in(arrays, count, options))
+    arrays, moved = table_arrays(content, table)
+    content.unused(dict.fromkeys(table.header), moved | columns.names | {*stamps.names, *used})
+    return placed(recording.found(*content.told()), poses_in(arrays, count, options))

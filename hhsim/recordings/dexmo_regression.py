@@ -21,6 +21,7 @@ for rotate. A TOML file calibrates raw counts::
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Self
 
 import numpy as np
@@ -72,13 +73,11 @@ class DexmoRegression:
     offset: FloatArray  # angle of each joint where all channels are 0 [rad], shape (20,)
 
     @classmethod
-    def default(cls) -> Self:
-        """Return the default regression for normalised channels."""
-        return cls.of_terms({})
+    def default(cls, joints: Mapping[str, Mapping[str, float]] = MappingProxyType({})) -> Self:
+        """Return the default regression for normalised channels, but for the terms of these joints.
 
-    @classmethod
-    def of_terms(cls, joints: Mapping[str, Mapping[str, float]]) -> Self:
-        """Return the default regression with the terms of some joints, "offset" or a channel [rad], in their place."""
+        A term is "offset" or a channel [rad].
+        """
         usual = {
             joint: {key: np.radians(term) for key, term in terms.items()} for joint, terms in DEFAULT_DEGREES.items()
         }
@@ -129,7 +128,7 @@ def parse_calibration(text: str, *, where: str) -> DexmoRegression:
     table = parse_settings(text, _CalibrationTable, where)
     factor = ANGLE_UNITS[table.angle.unit or "rad"]
     joints = {name: {key: factor * term for key, term in terms.items()} for name, terms in table.joint.items()}
-    found = DexmoRegression.of_terms(joints)
+    found = DexmoRegression.default(joints)
     if not table.channel:
         return found
     low, high = np.array([[table.channel[name].open, table.channel[name].closed] for name in CHANNELS]).T

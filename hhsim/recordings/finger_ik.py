@@ -144,13 +144,7 @@ def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> F
 
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
     """Compute the palm origin [m], shape (T, 3), that puts the model's knuckles, in the middle, at recorded ones."""
-    return np.asarray(knuckles.mean(axis=1) - turned(orientation, middle_of_knuckles(side)))
-
-
-@lru_cache
-def middle_of_knuckles(side: HandSide) -> FloatArray:
-    """Return the centre of the model's knuckles [m], palm frame, shape (3,)."""
-    return np.asarray(usual_fingers(side)["base"][1:].mean(axis=0))
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, usual_fingers(side)["base"][1:].mean(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,9 @@ of Unity. The order of a row is the one whose bones are nearest to a hand's in t
 these are none of a hand, or change their lengths.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import reduce
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -18,7 +20,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_table import Table
 from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions
+from hhsim.recordings.content import MOST, ROWS, Content, ReadOptions, keys_of, number, objects, vector
 from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
@@ -31,12 +33,11 @@ from hhsim.recordings.joint_names import (
     hand_statement,
     joint_name,
     recognised,
+    side_in,
     stated_value,
 )
 from hhsim.recordings.joint_positions import TINY, JointPositions
-from hhsim.recordings.json_document import frame_arrays, is_place, joints_in, keys_of, leaves, place_in
 from hhsim.recordings.object_poses import poses_in, table_arrays
-from hhsim.recordings.recording import chosen_side, frames_with_hand, note, unreadable, unused
 from hhsim.recordings.unit_detection import time_column
 
 T = TypeVar("T")
@@ -50,7 +51,15 @@ RADII = ("radius", "radii", "joint_radius", "joint_radii")
 STAMPED = ("header", "stamp", "timestamp", "time")
 """Keys of objects that hold a stamp."""
 SEARCHED = 64
-"""Number of frames that are searched for hands."""
+"""Number of frames, or of entries of a list, that are searched for hands."""
+LABELS = ("name", "joint", "jointName", "joint_name", "id")
+"""Keys of the name of an object in a list."""
+FEWEST = 8
+"""Number of joints among the objects of a list that make it a hand."""
+DEEPEST = 12
+"""Deepest nesting of a value in a frame."""
+Leaf = tuple[HandSide, str, FloatArray]
+"""Numbers in a document: side of the hand, name, and values."""
 
 ORDERS: dict[int, dict[str, tuple[str, ...]]] = {
     21: {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS},
@@ -110,47 +119,48 @@ def joint_columns(names: Mapping[str, JointName]) -> Hands[str]:
 
 
 def columns_of_hand(
-    names: Mapping[str, JointName], options: ReadOptions
-) -> tuple[HandSide, dict[str, dict[str, str]], Any]:
-    """Return the hand of the options, else that of more columns, its columns, and findings; error for none."""
+    content: Content, names: Mapping[str, JointName], options: ReadOptions
+) -> tuple[HandSide, dict[str, dict[str, str]]]:
+    """Return the hand of the options, else that of more columns, and its columns; error for none."""
     hands = joint_columns(names)
     if not hands:
         raise TrajectoryError("no columns named after the joints of a hand, such as left_index_tip_x")
-    side, findings = chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
-    return side, hands[side], findings
+    side = content.chosen_side({side: len(located(joints)) for side, joints in hands.items()}, options.hand)
+    return side, hands[side]
 
 
-def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadOptions, **more: Any) -> JointPositions:
+def joints_of_table(
+    content: Content, table: Table, names: Mapping[str, JointName], options: ReadOptions, **more: Any
+) -> JointPositions:
     """Return the joint centres in a table, whose columns have these meanings, with more fields of `JointPositions`.
 
     It is the hand of the options, else the one with more columns. Raises TrajectoryError for no joints, no such hand,
     or a missing one of the 21 joints.
     """
-    side, joints, remarks = columns_of_hand(names, options)
-    findings, what = [*map(note, table.notes), *remarks], recognised(located(joints), side)
+    content.note(*table.notes)
+    side, joints = columns_of_hand(content, names, options)
+    what = recognised(located(joints), side)
 
     def cells(*columns: str) -> FloatArray:
-        values, broken = table.numbers(columns)
-        findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
-        return values
+        return content.numbers(table, columns, f" of {columns[0]} and its like")
 
     def stated(column: str) -> FloatArray:
         return np.array([*map(stated_value, table.text(column))])
 
     stamps = time_column(column for column in table.header if column not in names or not names[column].joint)
-    if stamps is not None and stamps.others:
-        findings.append(note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}"))
-    arrays, moved = table_arrays(table, findings)
+    if stamps.others:
+        content.note(f"stamps from column '{stamps.name}'; there are also {', '.join(stamps.others[:3])}")
+    arrays, moved = table_arrays(content, table)
     used = {column for parts in joints.values() for column in parts.values()}
     said = {column: name for column in table.header if column not in used and (name := hand_statement(column))}
     whole = {column: name.part for column, name in said.items() if name.side in ("", side)}
-    stamped = {*stamps.names, *stamps.others} if stamps is not None else set()
     others = {
         column
         for column, name in names.items()
         if name.joint and name.side in joint_columns(names) and name.side != side
     }
-    findings += unused(dict.fromkeys(table.header), used | moved | stamped | others | whole.keys())
+    used |= {*stamps.names, *stamps.others, *whole}
+    content.unused(dict.fromkeys(table.header), used | moved | others)
     measured = [column for j in KEYPOINTS for part, column in joints[j].items() if part in ("x", "y", "z", "radius")]
     held = dict(zip(measured, cells(*measured).T))
     parts = {
@@ -160,12 +170,112 @@ def joints_of_table(table: Table, names: Mapping[str, JointName], options: ReadO
     fields = named_joints(parts, [(kind, stated(column)) for column, kind in whole.items()], len(table.rows))
     return JointPositions(
         **{"up": "y" if located(joints) & WORLD_JOINTS else None, "what": what} | fields | more,
-        time=None if stamps is None else stamps.stamps(lambda name: cells(name)[:, 0]),
-        time_unit=None if stamps is None else stamps.unit,
+        time=stamps.stamps(lambda name: cells(name)[:, 0]),
+        time_unit=stamps.unit,
         hand=side,
         object_poses=poses_in(arrays, len(table.rows), options),
-        findings=findings,
     )
+
+
+def joints_in(shape: tuple[int, ...]) -> int:
+    """Return the number of joints in points, or in matrices, of this shape; 0 for another one."""
+    return next((n for n in ORDERS if shape in ((n, 3), (3 * n,), (n, 16), (n, 4, 4), (16 * n,))), 0)
+
+
+def is_place(values: FloatArray) -> bool:
+    """Return True for a point or a matrix."""
+    return values.shape in ((3,), (16,), (4, 4))
+
+
+def place_in(values: FloatArray) -> FloatArray | None:
+    """Return the points, or the translations of matrices, of an array with this last shape, (…, 3); None for others.
+
+    16 numbers are a matrix column by column, as WebXR has them, or row by row.
+    """
+    if values.shape[-1:] == (16,):
+        by_columns = (values[..., 3:16:4] == [0.0, 0.0, 0.0, 1.0]).all(axis=-1, keepdims=True)
+        return np.where(by_columns, values[..., 12:15], values[..., 3:12:4])
+    if values.shape[-2:] == (4, 4):
+        return values[..., :3, 3]
+    return values if values.shape[-1:] == (3,) else None
+
+
+def leaves(node: Any, name: str = "", side: HandSide = "", depth: int = 0) -> Iterator[Leaf]:
+    """Yield the numbers in JSON by the keys above them, and the side that the nearest object states; "" for none.
+
+    x, y, z, with w or without it, are one value, and so is a list of numbers. Of objects in a list those that name
+    their joint have its name, 21, 25 or 26 others are points; else the first that has a name counts.
+    """
+    if depth > DEEPEST:
+        return
+    if isinstance(node, dict) and "0" in node and all(str(k) == key for k, key in enumerate(node)):
+        # A typed array of JavaScript, such as that of fillPoses.
+        node = list(node.values())
+    if isinstance(node, dict):
+        side = side_in(node) or side
+        whole = {"x", "y", "z"} <= node.keys() and name != ""
+        if whole and "w" in node:
+            yield side, f"{name}_wxyz", np.array(vector(node, "wxyz"))
+        elif whole and joint_name(name).part != "rotation":
+            yield side, name, np.array(vector(node))
+        for key, value in node.items():
+            if not (whole and key in "xyzw"):
+                yield from leaves(value, f"{name}.{key}" if name else str(key), side, depth + 1)
+    elif isinstance(node, list):
+        yield from _of_list(node, name, side, depth)
+    else:
+        value = stated_value(node) if joint_name(name).part in VALIDITY_WORDS.values() else number(node)
+        if value == value:
+            yield side, name, np.array(value)
+
+
+def _of_list(node: list[Any], name: str, side: HandSide, depth: int) -> Iterator[Leaf]:
+    """Yield the numbers in a list as `leaves` does."""
+    labels = [str(next((entry[key] for key in LABELS if key in entry), "")) for entry in objects(node)]
+    if sum(bool(joint_name(label).joint) for label in labels) >= FEWEST:
+        for label, entry in zip(labels, objects(node)):
+            yield from leaves(entry, f"{name}.{label}", side, depth + 1)
+        return
+    with suppress(TypeError, ValueError, OverflowError):
+        values = np.array(node, dtype=np.float64)
+        while values.ndim > 1 and not joints_in(values.shape) and joints_in(values.shape[1:]):
+            values = values[0]
+        yield side, name, values
+        return
+    if len(node) in ORDERS:
+        given = [list(leaves(entry, "joint")) for entry in node]
+        found = [[v for _, key, v in each if is_place(v) and joint_name(key).part != "rotation"] for each in given]
+        places = np.array([place_in(each[0]) if each else np.full(3, np.nan) for each in found])
+        if np.isfinite(places).all(axis=1).any():
+            yield side, name, places
+            scalars = [{key: float(v) for _, key, v in each if v.ndim == 0} for each in given]
+            for key in dict.fromkeys(key for each in scalars for key in each):
+                yield side, key.replace("joint", name, 1), np.array([each.get(key, np.nan) for each in scalars])
+            return
+    for entry in node[:SEARCHED]:
+        yield from leaves(entry, name, side, depth + 1)
+
+
+def frame_arrays(frames: Sequence[Any]) -> dict[tuple[HandSide, str], FloatArray]:
+    """Return the numbers of frames by side and name, as `leaves` yields them, a row a frame, NaN where missing.
+
+    A frame that is no object has its numbers under `ROWS`. Of values of several shapes the largest count.
+    """
+    rows: list[dict[tuple[HandSide, str], FloatArray]] = []
+    for frame in frames:
+        rows.append({})
+        for side, name, values in leaves(frame if isinstance(frame, dict) else {ROWS: frame}):
+            rows[-1].setdefault((side, name), values)
+    arrays = {}
+    for key in dict.fromkeys(key for row in rows for key in row):
+        shape = max((row[key].shape for row in rows if key in row), key=math.prod)
+        arrays[key] = np.full((len(rows), *shape), np.nan)
+        for k, row in enumerate(rows):
+            if key in row and row[key].shape == shape:
+                arrays[key][k] = row[key]
+        # Beyond that it is damage, and what is computed from it overflows.
+        arrays[key][~(np.abs(arrays[key]) <= MOST)] = np.nan
+    return arrays
 
 
 def frames_in(document: Any) -> tuple[list[Any], dict[str, Any]]:
@@ -230,16 +340,16 @@ def joints_of_frames(
         given = [parts[axis].reshape(count, -1) for parts in joints.values() for axis in ("", "x") if axis in parts]
         places[side] = np.concatenate(given, axis=1)
     seen = {side: np.asarray(np.isfinite(values).any(axis=1)) for side, values in places.items()}
-    side, shown, findings = frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
+    side, shown = content.frames_with_hand([[s for s in seen if seen[s][k]] for k in range(count)], options.hand)
     poses = poses_in(held | {name: values for _, name, values in leaves(dict(beside))}, count, options)
     single = (name for name, values in held.items() if values.ndim == 1 and not joint_name(name).joint)
     stamps = time_column(name for name in single if "." not in name or name.partition(".")[0] in STAMPED)
     hand = {key[1] for key in arrays if meanings[key].joint or joints_in(arrays[key].shape[1:])}
     whole = [(key, said) for key in arrays if (said := _statement(key[1], arrays[key], hand))]
     stated = [(said.part, arrays[key]) for key, said in whole if {said.side, key[0]} <= {"", side}]
-    used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *(stamps.names if stamps else ())}
+    used = {*hand, *(key[1] for key, _ in whole), *(poses.names if poses else ()), *stamps.names}
     keys = dict.fromkeys(str(key) for frame in frames if isinstance(frame, dict) for key in frame)
-    findings += unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
+    content.unused(dict.fromkeys(beside) | keys, {name.split(".")[0] for name in used})
     if side in hands:
         fields = named_joints(hands[side], stated, count) | {"what": recognised(located(hands[side]), side)}
     else:
@@ -251,12 +361,7 @@ def joints_of_frames(
             # A world with y up has joints of OpenXR or WebXR, whether their names stand there or not.
             fields["what"] = recognised(ORDERS[points.shape[1]]["openxr"], side)
     found = JointPositions(
-        **fields | more,
-        time=None if stamps is None else stamps.stamps(held.__getitem__),
-        time_unit=None if stamps is None else stamps.unit,
-        hand=side,
-        object_poses=poses,
-        findings=findings,
+        **fields | more, time=stamps.stamps(held.__getitem__), time_unit=stamps.unit, hand=side, object_poses=poses
     )
     return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
 

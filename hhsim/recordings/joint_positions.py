@@ -19,7 +19,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import Content, ReadOptions, stated_hand
+from hhsim.recordings.content import Content, ReadOptions
 from hhsim.recordings.finger_ik import (
     RecordedBones,
     finger_angles,
@@ -35,7 +35,7 @@ from hhsim.recordings.finger_ik import (
 from hhsim.recordings.frames import FileFrame, axis_flip, in_palm, world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, missing_and_doubtful
 from hhsim.recordings.object_poses import ObjectPoses, placed
-from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, note, readings
+from hhsim.recordings.recording import OTHER, SIDES, Finding, Recording, readings
 from hhsim.recordings.unit_detection import LENGTH_UNITS, TIME_UNITS
 from hhsim.system.counted import counted
 
@@ -106,9 +106,8 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     """
     if options.palm_axes is not None:
         raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")
-    named, findings = bool(joints.hand), list(joints.findings)
     rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
-    side, shown = stated_hand(content, options.hand or joints.hand, rows, findings)
+    side, shown = content.stated_hand(options.hand or joints.hand, rows)
     joints = joints if shown.all() else joints.chosen(shown, rows)
     invalid, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
     if invalid.size and invalid.all():
@@ -122,21 +121,21 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         missing = [joint for k, joint in enumerate(KEYPOINTS) if not known[:, k].any()]
         raise TrajectoryError(f"no sample holds all 21 joints; missing: {', '.join(missing[:4]) or 'one or another'}")
     if joints.what:
-        findings.append(note(joints.what + (joints.misfit and f", though {joints.misfit}")))
-    time, stated, first = _times(joints, content, options, findings)
-    metre = _scale(joints, content, options, findings)
+        content.note(joints.what + (joints.misfit and f", though {joints.misfit}"))
+    time, stated, first = _times(joints, content, options)
+    metre = _scale(joints, content, options)
     frame = FileFrame(np.eye(3), metre, axis_flip(options.mirror))
     points = metre * joints.position * frame.flip
     seen = ~(np.ptp(points, axis=1) == 0.0).all(axis=1)
     if not seen.all():
         points[~seen] = np.nan
         unseen = counted(int((~seen).sum()), "sample")
-        findings.append(note(f"{unseen} with all joints at one point: no hand was seen, so missing"))
+        content.note(f"{unseen} with all joints at one point: no hand was seen, so missing")
     if joints.may_be_mirrored and options.mirror is None:
         given = points
-        points = _in_right_handed_world(points, side, findings)
+        points = _in_right_handed_world(points, side, content)
         frame = frame if points is given else frame._replace(flip=UNITY)
-    side = _known_side(points, side, findings, options.mirror, named, joints.misfit)
+    side = _known_side(points, side, content, options.mirror, joints)
     fingers, wrist = points[:, 1:].reshape(-1, len(FINGERS), 4, 3), points[:, 0]
     palm = palm_from_knuckles(fingers[:, 1:, 0], wrist, side) if joints.palm is None else joints.palm
     origin = palm_origin(fingers[:, 1:, 0], palm, side)
@@ -167,7 +166,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     up = options.world_up or joints.up or options.usual_up
     if up is None and joints.object_poses is not None:
         up = "z"
-        findings.append(note("an object moves with the hand, so its axes are the world's; --world-up says which is up"))
+        content.note("an object moves with the hand, so its axes are the world's; --world-up says which is up")
     if up is None:
         text = "no world frame: the wrist stands still and level; if there is one, say its up axis with --world-up"
         # Where the palm is missing it stays so: that sample says nothing of the fingers either.
@@ -177,7 +176,8 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         text = f"world {up} up; the palm follows from the wrist and the knuckles"
         position, orientation = FileFrame.of(up, None).poses(origin, palm)
         frame = frame._replace(turn=world_matrix(up))
-    findings += [note(text)] if joints.palm is None else []
+    if joints.palm is None:
+        content.note(text)
     recording = Recording(
         time=time,
         position=position,
@@ -190,7 +190,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         hand=side,
         hand_length=bones.hand_length,
         bones=bones,
-        findings=tuple(findings),
+        findings=(*joints.findings, *content.told()),
         joints=None if up is None else points @ world_matrix(up).T,
         file_frame=frame,
         rows=np.asarray(joints.rows, dtype=np.int64),
@@ -203,9 +203,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     return placed(recording, joints.object_poses)
 
 
-def _times(
-    joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]
-) -> tuple[FloatArray, bool, float]:
+def _times(joints: JointPositions, content: Content, options: ReadOptions) -> tuple[FloatArray, bool, float]:
     """Return stamps since the first one, or those of the file if it states no unit, if they are in s, and the first."""
     if joints.time is None:
         rate = options.rate or content.stated.take("rate") or joints.rate
@@ -213,7 +211,7 @@ def _times(
             raise TrajectoryError(
                 f"{joints.what}, but no stamps of the samples; say how many there are a second: --rate"
             )
-        findings.append(note(f"no stamps: made from the rate, {rate:g} Hz"))
+        content.note(f"no stamps: made from the rate, {rate:g} Hz")
         return np.arange(len(joints.position)) / rate, True, 0.0
     if joints.time_unit is None:
         return joints.time, False, 0.0
@@ -223,8 +221,8 @@ def _times(
     return (joints.time - first) * unit, True, first * unit
 
 
-def _scale(joints: JointPositions, content: Content, options: ReadOptions, findings: list[Finding]) -> float:
-    """Return the unit of the positions [m], stated or by the length of the hand; add what is assumed to `findings`."""
+def _scale(joints: JointPositions, content: Content, options: ReadOptions) -> float:
+    """Return the unit of the positions [m], stated or by the length of the hand, and tell what is assumed."""
     bones = np.linalg.norm(np.diff(joints.position[:, [0, 9, 10, 11, 12]], axis=1), axis=2)
     lengths = bones[:, 0] + bones[:, 1:].sum(axis=1)
     length = float(np.median(lengths[np.isfinite(lengths)]))
@@ -243,7 +241,7 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
         return metre
     for word, metre in LENGTH_UNITS.items():
         if low <= metre * length <= high:
-            findings.append(note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit"))
+            content.note(f"no unit named: {said}, taken for {word}; if it is not, say --length-unit")
             return metre
     if not length > 0.0:
         raise TrajectoryError(f"{said}; expected the joints of a hand")
@@ -251,15 +249,15 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions, findi
     if not wanted:
         wanted, why = DEFAULT_HAND_LENGTH, "the usual one, else say --hand-length"
     taken = f"which is no hand in m, cm, mm or inch: taken for a hand of {1e3 * wanted:.0f} mm ({why})"
-    findings.append(note(f"no scale: {said}, {taken}; angles are right if x, y and z have one scale"))
+    content.note(f"no scale: {said}, {taken}; angles are right if x, y and z have one scale")
     return wanted / length
 
 
 def _known_side(
-    points: FloatArray, hand: HandSide, findings: list[Finding], mirror: str | None, structural: bool, misfit: str
+    points: FloatArray, hand: HandSide, content: Content, mirror: str | None, joints: JointPositions
 ) -> HandSide:
-    """Return the side of the hand, as named or by the bend of its fingers; `structural` if --hand cannot replace it."""
-    seen = _palmar_side(points)
+    """Return the side of the hand, as named or by the bend of its fingers."""
+    seen, misfit = _palmar_side(points), joints.misfit
     side = seen.bends_as
     if not hand:
         if not side:
@@ -267,33 +265,34 @@ def _known_side(
         text = f"the file does not say which hand it is: a {side} one by the bend of its fingers"
         if not mirror and not misfit:
             text += f", a {OTHER[side]} one in left-handed coordinates, as Unity's: --mirror x|y|z"
-        findings.append(note(f"{text}; else say --hand"))
+        content.note(f"{text}; else say --hand")
         return side
     back = -np.degrees(seen.bend[hand])
     # A hand that is bent backwards has its thumb before the palm all the same.
     if side == OTHER[hand] and seen.above[hand] > -THUMB_HEIGHT:
         way = f"leave out --mirror {mirror}" if mirror else "say --mirror x|y|z if its coordinates are left-handed"
-        other = "--mirror x --other-hand" if structural else f"--hand {side}"
+        # --hand does not replace a side that the file's structure states.
+        other = "--mirror x --other-hand" if joints.hand else f"--hand {side}"
         remedy = misfit or f"{way}, {other} if it is the {side} hand"
         raise TrajectoryError(f"named a {hand} hand, but its fingers bend as a {side} one's: {remedy}")
     bent = f"fingers bend backwards by {back:.0f}° on average" if back > np.degrees(LEAST_BEND) else ""
     if bent or seen.looks_as not in ("", hand):
         wrong = bent or "thumb is behind its palm"
-        findings.append(note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?"))
+        content.note(f"as a {hand} hand its {wrong}: is it the other hand, or mirrored?")
     return hand
 
 
-def _in_right_handed_world(points: FloatArray, hand: HandSide, findings: list[Finding]) -> FloatArray:
+def _in_right_handed_world(points: FloatArray, hand: HandSide, content: Content) -> FloatArray:
     """Return joint centres in a right-handed world: in Unity's, y up, z points the other way."""
     seen = _palmar_side(points).looks_as
     if not hand or seen == hand:
         return points
     if not seen:
         text = "its fingers are too straight, and its thumb too level with them, to tell whether its coordinates are"
-        findings.append(note(f"{text} left-handed, as Unity's: taken for right-handed"))
+        content.note(f"{text} left-handed, as Unity's: taken for right-handed")
         return points
     text = f"the {hand} hand of the file is the mirror of one: its coordinates are left-handed, as Unity's, and z is"
-    findings.append(note(f"{text} turned round; if it is the other hand, say --other-hand"))
+    content.note(f"{text} turned round; if it is the other hand, say --other-hand")
     return np.asarray(points * UNITY)
 
 

@@ -10,7 +10,7 @@ where a number is NaN, or the quaternion or the matrix all zeros.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -21,13 +21,13 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, named
 from hhsim.hand.quaternion import conjugate, quaternion
 from hhsim.motion.csv_table import Table, lacks_names, read_header, read_table
-from hhsim.motion.npz_arrays import read_npy
+from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
-from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
+from hhsim.recordings.content import ARCHIVES, NPY, ROWS, Content, ReadOptions
 from hhsim.recordings.frames import OURS, quaternions_of
 from hhsim.recordings.joint_names import words_of
-from hhsim.recordings.recording import MOST, Finding, Recording, note, unreadable, unused
+from hhsim.recordings.recording import MOST, Finding, Recording, note
 from hhsim.recordings.unit_detection import CERTAINLY_FAR, FAR, LENGTH_UNITS, TIME_UNITS, time_column
 
 OBJECT_WORDS = {"object", "obj", "objects", "objs"}
@@ -53,8 +53,6 @@ SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {
     "position": ((3,),), "turn": ((4,), (3,), (3, 3), (9,)), "pose": POSE_SHAPES,
 }  # fmt: skip
 """Shapes of a row of each kind."""
-ROWS = "rows"
-"""Name of an array that has none."""
 OBJECT_UID = "object_uid"
 """Column of the object of each row in a table of several, as HOT3D's."""
 
@@ -182,6 +180,15 @@ def poses_in(
     return poses if count is None else _counted(poses, count)
 
 
+def beside(content: Content, count: int, options: ReadOptions, used: Collection[str]) -> dict[str, Any]:
+    """Return stamps and an object's poses among arrays as fields of `JointPositions`, and tell what is left of them."""
+    arrays = content.arrays
+    stamps, poses = time_column(arrays), poses_in(arrays, count, options)
+    time = stamps.stamps(lambda name: numbers(arrays, name, count))
+    content.unused(arrays, {*used, *stamps.names, *(poses.names if poses is not None else ())})
+    return {"time": time, "time_unit": stamps.unit, "object_poses": poses}
+
+
 def _counted(poses: ObjectPoses, count: int) -> ObjectPoses:
     """Return one pose a sample, of a single one that of an object at rest; TrajectoryError for another number."""
     rows, names = len(poses.position), " and ".join(poses.names)
@@ -247,8 +254,8 @@ def _of_rows(name: str, given: Any, order: str | None) -> ObjectPoses:
     return ObjectPoses(values[:, :3], _quaternions(name, values[:, 3:], order), None, (name,))
 
 
-def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) -> tuple[dict[str, Any], set[str]]:
-    """Return the columns of an object's pose as arrays for `poses_in`, and the columns; add findings of its cells."""
+def table_arrays(content: Content, table: Table, *, alone: bool = False) -> tuple[dict[str, Any], set[str]]:
+    """Return the columns of an object's pose as arrays for `poses_in`, and the columns."""
     groups: dict[str, dict[int, str]] = {}
     for column in table.header:
         words, metre = _words(column, alone) or ([], None)
@@ -270,8 +277,7 @@ def table_arrays(table: Table, findings: list[Finding], *, alone: bool = False) 
     for name, parts in groups.items():
         if len(parts) in sizes[name.split("_")[1]]:
             columns = [parts[k] for k in sorted(parts)]
-            arrays[name], broken = table.numbers(columns)
-            findings.extend(unreadable(broken, f" of {columns[0]} and its like"))
+            arrays[name] = content.numbers(table, columns, f" of {columns[0]} and its like")
             used.update(columns)
     return arrays, used
 
@@ -308,11 +314,13 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
     """
     if not np.nan_to_num(recording.position).any():
         raise TrajectoryError("the hand stays at the origin, so an object cannot be beside it; expected --world-up")
-    findings = [note("the object's pose in the recording is replaced")] if recording.object_motion is not None else []
+    content = Content(path, what="poses of an object")
+    if recording.object_motion is not None:
+        content.note("the object's pose in the recording is replaced")
     time, rows, frame = recording.time + recording.first_stamp, recording.rows, recording.file_frame
     hand = np.nanmedian(frame.to_file(recording.position), axis=0) * frame.metre
     with named(path):
-        poses, stamps = stamped_poses(path, options, findings, hand)
+        poses, stamps = stamped_poses(content, options, hand)
         if stamps is not None and len(poses.position) > 1:
             place, turn = _at(poses, stamps, time)
         elif len(time) < len(poses.position) > int(rows.max(initial=0)) and (rows != np.arange(len(time))).any():
@@ -320,41 +328,40 @@ def with_object_poses(recording: Recording, path: Path, options: ReadOptions) ->
             place, turn = poses.at(rows)[:2]
         else:
             place, turn = _counted(poses, len(time))[:2]
-    return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), tuple(findings)))
+    return placed(recording, ObjectPoses(place, turn, 1.0, (path.name,), content.told()))
 
 
 def read_stamped_poses(path: Path, options: ReadOptions) -> tuple[FloatArray | None, ObjectMotion]:
     """Read the poses of an object [m], NaN where missing, and their rising stamps [s], (T,), None without any."""
     with named(path):
-        poses, stamps = stamped_poses(path, options, [])
+        poses, stamps = stamped_poses(Content(path, what="poses of an object"), options)
         return stamps, ObjectMotion(*poses[:2]) if stamps is None else _at(poses, stamps, stamps)
 
 
 def stamped_poses(
-    path: Path, options: ReadOptions, findings: list[Finding], hand: FloatArray | None = None
+    content: Content, options: ReadOptions, hand: FloatArray | None = None
 ) -> tuple[ObjectPoses, FloatArray | None]:
     """Return the poses of a file [m] and their stamps [s], None without any; `hand` is the place of a hand [m]."""
-    content = Content(path, what="poses of an object")
-    arrays = _arrays_of(content, options.object_track, findings)
+    arrays = _arrays_of(content, options.object_track)
     column = time_column(name for name, values in arrays.items() if np.shape(values)[1:] in ((), (1,)))
-    stamps = None if column is None else column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
-    others = {name: values for name, values in arrays.items() if column is None or name not in column.names}
+    stamps = column.stamps(lambda name: np.ravel(as_numbers(f"'{name}'", arrays[name])))
+    others = {name: values for name, values in arrays.items() if name not in column.names}
     poses = poses_in(others, None, options, alone=True, strict=True)
     if poses is None:
         name, values, first = _unnamed(others)
         poses = _of_rows(name, values, options.pose_order)
         stamps = first if stamps is None else stamps
-    metre = _metre(poses, content, options, findings, hand)
-    findings += [*poses.findings, *unused(others, poses.names), *map(note, content.stated.told())]
-    factor = TIME_UNITS[column.unit] if column is not None and column.unit else 1.0
-    return poses._replace(position=metre * poses.position), None if stamps is None else factor * stamps
+    metre = _metre(poses, content, options, hand)
+    content.tell(*poses.findings)
+    content.unused(others, poses.names)
+    content.note(*content.stated.told())
+    poses = poses._replace(position=metre * poses.position)
+    return poses, None if stamps is None else TIME_UNITS[column.unit or "s"] * stamps
 
 
-def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) -> dict[str, Any]:
+def _arrays_of(content: Content, wanted: str | None) -> dict[str, Any]:
     """Return the arrays of a file by their names, `ROWS` without one; of several objects those of the wanted one."""
-    if content.head.startswith(NPY):
-        return {ROWS: read_npy(content.data)}
-    if content.head.startswith(ZIP):
+    if content.head.startswith((NPY, *ARCHIVES)):
         return content.arrays
     if content.is_json:
         raise TrajectoryError("JSON; expected poses as .csv, .npy or .npz, or among the frames of the recording")
@@ -369,17 +376,14 @@ def _arrays_of(content: Content, wanted: str | None, findings: list[Finding]) ->
             raise TrajectoryError(f"poses of the objects {known}; expected one of them as --object-track")
         kept = [row for row, uid in enumerate(owner) if uid == wanted]
         table = replace(table, rows=tuple(table.rows[row] for row in kept), lines=[table.lines[row] for row in kept])
-    findings += map(note, table.notes)
+    content.note(*table.notes)
     if bare:
-        rows, broken = table.numbers(table.header)
-        findings += unreadable(broken)
-        return {ROWS: rows}
-    arrays, used = table_arrays(table, findings, alone=True)
+        return {ROWS: content.numbers(table, table.header)}
+    arrays, used = table_arrays(content, table, alone=True)
     if not arrays:
         raise TrajectoryError(f"columns {', '.join(header[:6])}; expected px, py, pz, qw, qx, qy, qz, or m00 to m33")
-    if (column := time_column(header)) is not None:
-        arrays |= {name: table.numbers([name])[0][:, 0] for name in column.names}
-    findings += unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
+    arrays |= {name: table.numbers([name])[0][:, 0] for name in time_column(header).names}
+    content.unused(dict.fromkeys(header), {*used, *arrays, OBJECT_UID})
     return arrays
 
 
@@ -396,9 +400,7 @@ def _unnamed(arrays: Mapping[str, Any]) -> tuple[str, FloatArray, FloatArray | N
     return (fitting[0], rows[:, 1:], rows[:, 0]) if stamped else (fitting[0], rows, None)
 
 
-def _metre(
-    poses: ObjectPoses, content: Content, options: ReadOptions, findings: list[Finding], hand: FloatArray | None
-) -> float:
+def _metre(poses: ObjectPoses, content: Content, options: ReadOptions, hand: FloatArray | None) -> float:
     """Return the unit of the positions [m], stated or by their distance from the origin, or from a hand far from it."""
     metre = LENGTH_UNITS.get(options.pose_unit or "") or poses.metre or content.stated.take("unit")
     if metre is not None:
@@ -411,7 +413,7 @@ def _metre(
     if FAR < usual <= CERTAINLY_FAR:
         raise TrajectoryError(f"the object is {usual:.4g} from the {where}, which may be cm or mm; say --pose-unit")
     word = "mm" if usual > FAR else "m"
-    findings.append(note(f"no unit of the object's poses: {usual:.4g} from the {where}, taken for {word}: --pose-unit"))
+    content.note(f"no unit of the object's poses: {usual:.4g} from the {where}, taken for {word}: --pose-unit")
     return LENGTH_UNITS[word]
 
 

@@ -7,8 +7,6 @@ The distance between samples is one length: a rotation of the palm counts as the
 a joint angle as that of a fingertip.
 """
 
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -22,7 +20,6 @@ from hhsim.motion.sample_flags import SampleFlag, mark
 from hhsim.motion.trajectory import Checksums, HandSide, ObjectMotion, Phase, as_numbers
 from hhsim.recordings.finger_ik import RecordedBones
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.joint_names import VALIDITY_WORDS, joint_name, kind_of, words_of
 from hhsim.system.counted import counted
 
 MOST_SAMPLES = 10_000_000
@@ -31,17 +28,10 @@ MOST = (1e9, 1e20)
 """Largest magnitude of a reading of a motion, and of a clock, in any unit."""
 PALM_ARM = 0.1
 """Distance from the palm's origin to a straight fingertip [m]."""
-SHOWN_NAMES = 6
-"""Most names of what is not used in one finding."""
 FINGER_ARM = 0.04
 """Usual distance from a joint to the fingertip [m]."""
 UNUSED_POSE = "unused pose"
 """Kind of the finding that names what looks like the pose of an object and is not used."""
-POSE_WORDS = ("pos", "rot", "quat", "trans", "orient", "matri")
-"""Beginnings of words for a pose or a part of one."""
-OF_OTHERS = ("cam", "hand", "wrist", "palm", "head", "root", "mano", "body", "view", "proj", "intr", "extr", "left",
-             "right")  # fmt: skip
-"""Beginnings of words for what else has a pose."""
 SIDES: tuple[HandSide, HandSide] = ("right", "left")
 OTHER: dict[HandSide, HandSide] = {"right": "left", "left": "right", "": ""}
 """Other side of each."""
@@ -68,43 +58,11 @@ def finding_of(time: FloatArray, flag: SampleFlag, text: str) -> Finding:
     return Finding(flag.word, text, len(time), float(known.min()) if known.size else None)
 
 
-def unreadable(cells: int, where: str = "") -> list[Finding]:
-    """Return the finding about cells of a table without a number, none if there are none."""
-    text = f"{counted(cells, 'cell')}{where} without a number: taken as missing"
-    return [note(text)] if cells else []
-
-
-def unused(held: Mapping[str, Any], used: Collection[str | None] = ()) -> list[Finding]:
-    """Return the finding that names the values that a reader left out, with the shapes of arrays; none without any."""
-    # What a field of a known name is used for, or not, is told for all formats by `hhsim.recordings.registry`.
-    left = [(name, np.shape(held[name])) for name in held if name not in used and not kind_of(name)]
-    # What states that a reading is not one comes first.
-    left.sort(key=lambda each: joint_name(each[0]).part not in VALIDITY_WORDS)
-    findings = []
-    for kind, what in (("note", "not used"), (UNUSED_POSE, "not used, though it looks like the pose of an object")):
-        found = [each for each in left if looks_like_pose(*each) == (kind == UNUSED_POSE)]
-        names = ", ".join(f"{name} {shape}" if shape else name for name, shape in found[:SHOWN_NAMES])
-        more = f" and {len(found) - SHOWN_NAMES} more" if len(found) > SHOWN_NAMES else ""
-        findings += [Finding(kind, f"{what}: {names}{more}")] if found else []
-    return findings
-
-
 def unused_poses(recording: "Recording") -> tuple[str, ...]:
     """Return the remarks on what looks like the pose of an object that has none otherwise."""
     if recording.object_motion is not None:
         return ()
     return tuple(finding.text for finding in recording.findings if finding.kind == UNUSED_POSE)
-
-
-def looks_like_pose(name: str, shape: tuple[int, ...]) -> bool:
-    """Return True if a value of this name and shape, () if unknown, may be an object's pose or a part of one."""
-    words = [word for word in words_of(name) if word.isalpha()]
-    says_pose = any(word.startswith(POSE_WORDS) for word in words)
-    if any(word.startswith("obj") for word in words):
-        return says_pose and (not shape or shape[-1] in (3, 4, 6, 7, 9, 12, 16))
-    is_matrix = not {shape, shape[1:]}.isdisjoint(((4, 4), (3, 4)))
-    is_row = says_pose and shape[1:] == (7,) and len(words) > 1
-    return (is_matrix or is_row) and not any(word.startswith(OF_OTHERS) for word in words)
 
 
 def readings(key: str, given: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
@@ -251,31 +209,3 @@ def change(recording: Recording, first: IntArray, second: IntArray) -> FloatArra
         FINGER_ARM * (recording.abduction[second] - recording.abduction[first]),
     ]
     return np.asarray(np.sqrt(sum(np.nansum(part * part, axis=1) for part in parts)))
-
-
-def chosen_side(samples: Mapping[HandSide, int], wanted: HandSide) -> tuple[HandSide, list[Finding]]:
-    """Return the wanted hand, else the one of more samples (of equals the right one), and findings about it.
-
-    "" is a hand of no stated side. Raises TrajectoryError where the wanted hand is not in the file.
-    """
-    if wanted and wanted not in samples and "" not in samples:
-        raise TrajectoryError(f"no {wanted} hand; the file has {' and '.join(f'a {s} one' for s in samples)}")
-    if wanted:
-        return (wanted if wanted in samples else ""), []
-    side = max(samples, key=lambda each: (samples[each], each))
-    other = [each for each, count in samples.items() if count and each not in ("", side)]
-    return side, [note(f"{side} hand; the {other[0]} one is there too: --hand")] if other else []
-
-
-def frames_with_hand(
-    frames: Sequence[Collection[HandSide]], wanted: HandSide
-) -> tuple[HandSide, list[int], list[Finding]]:
-    """Return a hand as `chosen_side`, the indices of the frames, by their hands, that show it, and findings."""
-    seen = Counter(side for sides in frames for side in sides)
-    if not seen:
-        raise TrajectoryError(f"{len(frames)} frames, but no hand in any")
-    side, findings = chosen_side(seen, wanted)
-    shown = [k for k, sides in enumerate(frames) if side in sides]
-    if len(shown) < len(frames):
-        findings.append(note(f"{len(frames) - len(shown)} of {len(frames)} frames show no such hand: no samples"))
-    return side, shown, findings

@@ -13,19 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.errors import InputError, OutputError, TrajectoryError, UnknownNameError, named
+from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-from hhsim.motion.npz_arrays import read_npz
-from hhsim.motion.pickled_data import pickled_with
-from hhsim.recordings.content import ZIP, stated_hand
+from hhsim.recordings.content import PICKLES, ZIP
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.frames import FileFrame, axes_matrix
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
-from hhsim.recordings.recording import Finding, Recording, note
+from hhsim.recordings.recording import Recording
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -91,7 +89,6 @@ def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
 class Changes(NamedTuple):
     """Samples of a recording with a correction, in the coordinates of its file."""
 
-    samples: IntArray  # indices of the samples, shape (N,)
     rows: IntArray  # rows of the file, shape (N,)
     shift: FloatArray  # displacement of the 21 joints, shape (N, 21, 3); NaN for a recording of angles
     turn: FloatArray  # rotation of each bone, shape (N, 16, 3, 3)
@@ -136,7 +133,6 @@ def changes(recording: Recording, correction: Correction) -> Changes:
         shift = frame.to_file(correction.joints[samples] - recording.joints[samples])
     flexion = (posture.flexion - fitted.flexion).reshape(-1, 15)
     return Changes(
-        samples=samples,
         rows=recording.rows[samples],
         shift=shift,
         turn=frame.rotation_to_file(correction.rotation[samples]),
@@ -191,7 +187,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None, origina
     if source.is_dir():
         raise TrajectoryError(f"{source}: a folder; expected a recording")
     with named(source):
-        return read_content(Content.of_recording(source, original=original), options or ReadOptions())
+        return read_content(Content(source, original=original), options or ReadOptions())
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
@@ -202,37 +198,40 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.columns is not None and not form.takes_columns:
         raise InputError(f"--columns explains a table, and this is {form.description}")
     recording = _read(form, content, options)
-    # The archive has checked the CRC-32 of each array.
-    proved = content.head.startswith(ZIP) and not content.packed
     recording = recording.changed(
         hand=options.hand or recording.hand,
-        checksums=recording.checksums or ("held" if proved else "missing"),
+        # An archive has checked the CRC-32 of each array.
+        checksums=recording.checksums or ("held" if content.head.startswith(ZIP) else "missing"),
         is_written_back=_is_written_back(form, content, options),
     )
     if recording.bones is None and recording.sample_count:
         recording = _with_stated_fields(recording, content, options)
     if options.mirror is not None:
-        recording = recording.found(
-            note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
-        )
-    return recording.found(*map(note, content.stated.told()))
+        content.note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
+    content.note(*content.stated.told())
+    return recording.found(*content.told())
 
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
-    found = form.read(content, options)
+    try:
+        found = form.read(content, options)
+    except DamagedFileError as error:
+        raise TrajectoryError(str(error)) from None
+    except ModuleNotFoundError as error:
+        raise TrajectoryError(f"{form.description}, is read by {error.name}: pip install {error.name}") from None
     recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
-    return recording.changed(form=recording.form or form.name, name=recording.name or content.name)
+    recording = recording.changed(form=recording.form or form.name, name=recording.name or content.name)
+    return recording.found(*content.told())
 
 
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:
     """Return a recording of angles with the side and the unit that fields of its file state."""
-    findings: list[Finding] = []
-    side, shown = stated_hand(content, recording.hand, recording.rows, findings)
-    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side).found(*findings)
+    side, shown = content.stated_hand(recording.hand, recording.rows)
+    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side)
     frame = recording.file_frame
-    if not recording.hand and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
-        text = "nothing names the hand; with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
-        recording = recording.found(note(text))
+    if not side and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
+        unsure = "with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
+        content.note(f"nothing names the hand; {unsure}")
     stated = "length" in recording.stated or recording.scaled or options.length_unit is not None
     metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
     if metre is not None:
@@ -272,11 +271,14 @@ def repaired_suffix(path: Path, options: ReadOptions) -> str:
     """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
     content = Content(path)
     try:
-        # The beginning of a pickle does: all of them are written back.
-        return path.suffix if _is_written_back(format_of(content, options), content, options) else NEW_SUFFIXES[0]
+        # All pickles are written back, whatever they hold.
+        if not content.head.startswith(PICKLES):
+            is_same = _is_written_back(format_of(content, options), content, options)
+            return path.suffix if is_same else NEW_SUFFIXES[0]
     except InputError:
         # Whoever reads it says what is wrong.
-        return path.suffix
+        pass
+    return path.suffix
 
 
 def _is_written_back(form: RecordingFormat, content: Content, options: ReadOptions) -> bool:
@@ -319,15 +321,13 @@ def write_recording(
         write_atomically(target, make(suffix, recording.changed(**given)))
         return None
     with named(source):
-        content = Content.of_recording(source)
-        kind, off = format_of(content, options), None
-        data = content.packed or content.data
+        content = Content(source)
+        kind, off, data = format_of(content, options), None, content.data
         if correction.changed.any():
             assert kind.write is not None
             data = kind.write(content, options, changes(recording, correction))
-            data = pickled_with(content.packed, read_npz(data)) if content.packed else data
         if recording.joints is not None:
-            again = _read(kind, Content.of_recording(source, data), replace(options, fits_angles=False))
+            again = _read(kind, Content(source, data=data), replace(options, fits_angles=False))
             assert again.joints is not None
             place = {row: k for k, row in enumerate(again.rows.tolist())}
             found = again.file_frame.to_file(again.joints[[place[row] for row in recording.rows.tolist()]])

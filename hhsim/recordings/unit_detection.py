@@ -192,23 +192,24 @@ def _converted(recording: Recording, text: str) -> Recording:
 class TimeColumn(NamedTuple):
     """Column of stamps, its unit (s, ms, us, ns; None if the name does not say), and other such columns of the file.
 
+    The name is "" where there is none.
     Where it has whole seconds alone, as ROS writes them, `fraction` is the column of what is left, in the same `unit`.
     """
 
-    name: str
-    unit: str | None
+    name: str = ""
+    unit: str | None = None
     others: tuple[str, ...] = ()
     fraction: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the one or two columns."""
-        return (self.name, self.fraction) if self.fraction else (self.name,)
+        """Names of the columns: none, one or two."""
+        return tuple(name for name in (self.name, self.fraction) if name)
 
-    def stamps(self, numbers: Callable[[str], FloatArray]) -> FloatArray:
-        """Return the stamps in the unit, of columns whose numbers are given by their names, shape (T,)."""
+    def stamps(self, numbers: Callable[[str], FloatArray]) -> FloatArray | None:
+        """Return the stamps in the unit, of columns whose numbers are given by their names, (T,); None without one."""
         if not self.fraction:
-            return numbers(self.name)
+            return numbers(self.name) if self.name else None
         seconds, fraction = numbers(self.name), numbers(self.fraction)
         second = round(1.0 / TIME_UNITS[self.unit or "ns"])
         known = np.isfinite(seconds) & np.isfinite(fraction)
@@ -217,8 +218,8 @@ class TimeColumn(NamedTuple):
         return second * seconds + fraction if is_part else fraction
 
 
-def time_column(names: Iterable[str]) -> TimeColumn | None:
-    """Return the column of stamps among these, or None; of several that of the device, which has no delay."""
+def time_column(names: Iterable[str]) -> TimeColumn:
+    """Return the column of stamps among these; of several that of the device, which has no delay."""
     named_words = {name: {word for word in words_of(name) if word.isalpha()} for name in names}
     unit_of = {
         name: next((_UNIT_WORDS[word] for word in sorted(words) if word in _UNIT_WORDS), None)
@@ -235,7 +236,7 @@ def time_column(names: Iterable[str]) -> TimeColumn | None:
         if rest <= _OF_A_STAMP and "s" in units and units.keys() & {"us", "ns"}
     ]
     if not found:
-        return None
+        return TimeColumn()
     name, words = next((each for each in found if each[1] & _OWN_CLOCK), found[0])
     units = alike[frozenset(words - _UNIT_WORDS.keys())]
     small = next((unit for unit in ("ns", "us") if unit in units and "s" in units), None)

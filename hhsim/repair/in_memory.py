@@ -113,7 +113,7 @@ def repair(
             turns = upright if object_orientation is None else object_orientation
             arrays["object_quat_wxyz"] = np.asarray(turns, np.float64)
         read = ReadOptions(**{"length_unit": "m", "form": "keypoints", **given}, rate=rate)
-        held = clean_units(read_content(Content.of_recording(None, npz_of(arrays)), read))
+        held = clean_units(read_content(Content(data=npz_of(arrays)), read))
     request = RepairRequest(path, str(object_), path, hand=held.hand, max_correction=max_correction, palm=palm)
     if isinstance(object_, DeclaredBodies):
         bodies = object_

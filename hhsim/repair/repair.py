@@ -348,7 +348,7 @@ def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) ->
 
 def _skin(path: Path, read: ReadOptions, recording: Recording) -> Skin | None:
     """Return the skin of the MANO model that moves in a recording; None without any."""
-    content = Content.of_recording(path)
+    content = Content(path)
     mano = format_of(content, read).mano
     if mano is None or read.mano_model is None:
         return None

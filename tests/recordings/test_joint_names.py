@@ -62,7 +62,7 @@ def test_what_a_name_says() -> None:
 @pytest.mark.parametrize(
     ("names", "found"),
     [
-        (["x", "y"], None),
+        (["x", "y"], TimeColumn()),
         (["frame", "t"], TimeColumn("t", None)),
         (["timestamp_ms", "x"], TimeColumn("timestamp_ms", "ms")),
         (["Time [s]"], TimeColumn("Time [s]", "s")),
@@ -78,10 +78,10 @@ def test_what_a_name_says() -> None:
         (["tv_sec", "tv_usec"], TimeColumn("tv_sec", "us", (), "tv_usec")),
         (["seconds", "nanos"], TimeColumn("seconds", "ns", (), "nanos")),
         (["device_time_s", "stamp_sec", "stamp_nsec"], TimeColumn("device_time_s", "s", ("stamp_sec", "stamp_nsec"))),
-        (["x_s", "y_ns"], None),
+        (["x_s", "y_ns"], TimeColumn()),
     ],
 )
-def test_the_stamps_are_found_with_their_unit(names: list[str], found: TimeColumn | None) -> None:
+def test_the_stamps_are_found_with_their_unit(names: list[str], found: TimeColumn) -> None:
     assert time_column(names) == found
 
 
@@ -91,7 +91,7 @@ NONE = {"poses": np.zeros(3)}
 
 
 def read(data: bytes, **options: Any) -> Recording:
-    return read_content(Content.of_recording(None, data), ReadOptions(world_up="y", **options))
+    return read_content(Content(data=data), ReadOptions(world_up="y", **options))
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,11 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.motion.csv_table import read_table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers, usual_wrist
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.recording import SIDES, chosen_side, note, unreadable
+from hhsim.recordings.recording import SIDES
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 
 LANDMARKS = (
@@ -38,16 +37,17 @@ def landmark_columns(side: HandSide) -> dict[str, list[str]]:
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one in more frames; raises TrajectoryError."""
-    table = read_table(content.text)
+    table = content.table
     columns = {side: [*chain(*landmark_columns(side).values())] for side in SIDES}
     columns = {side: names for side, names in columns.items() if names[0] in table.header}
     seen = {side: table.numbers([SURE.format(side)])[0][:, 0] >= 0.0 for side in columns}
-    side, remarks = chosen_side({side: int(each.sum()) for side, each in seen.items()}, options.hand)
-    values, broken = table.numbers(columns[side])
+    content.note(*table.notes)
+    side = content.chosen_side({side: int(each.sum()) for side, each in seen.items()}, options.hand)
+    values = content.numbers(table, columns[side])
     values[~seen[side]] = np.nan
     places = dict(zip(LANDMARKS, values.reshape(len(values), -1, 3).swapaxes(0, 1), strict=True))
     places["thumb_metacarpal"] = _saddle(places, side)
-    saddle = note("the thumb's saddle joint is that of a usual hand of this size: the file has none")
+    content.note("the thumb's saddle joint is that of a usual hand of this size: the file has none")
     return JointPositions(
         position=np.stack([places[joint] for joint in KEYPOINTS], axis=1),
         what=f"{len(LANDMARKS)} landmarks of the {side} hand, in the frame of the glasses",
@@ -56,7 +56,6 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         hand=side,
         unit=1.0,
         device="Project Aria, MPS",
-        findings=[*map(note, table.notes), *remarks, *unreadable(broken), saddle],
     )
 
 

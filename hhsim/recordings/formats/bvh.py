@@ -23,7 +23,7 @@ from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import words_of
-from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, chosen_side, note
+from hhsim.recordings.recording import MOST_SAMPLES, SIDES, Finding, note
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.counted import counted
 
@@ -198,7 +198,19 @@ Hand = tuple[int, dict[str, list[int]]]
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the right one; raises TrajectoryError."""
     bvh = read_bvh(content.text)
-    side, (wrist, fingers), findings = _hand(bvh, options)
+    content.tell(*bvh.findings)
+    found = {side: _hands(bvh.joints, _finger_lines(bvh.joints, side)) for side in (*SIDES, "")}
+    found = {side: hands for side, hands in found.items() if hands}
+    if not found:
+        names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
+        raise TrajectoryError(f"no hand with five fingers of three joints each among {names}…; {NO_HAND}")
+    side = content.chosen_side(dict.fromkeys(found, 1), options.hand)
+    (wrist, fingers), *others = found[side]
+    if others:
+        at_two = f"at '{bvh.joints[wrist].name}' and '{bvh.joints[others[0][0]].name}'"
+        if not side:
+            raise TrajectoryError(f"{len(found[side])} hands, {at_two}, and no joint names a side; {NO_HAND}")
+        content.note(f"{len(found[side])} {side} hands, {at_two}: the first one is taken")
     at, turned = bvh.pose()
     points = [at[:, wrist]]
     for line in fingers.values():
@@ -212,24 +224,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         time=np.arange(len(bvh.values), dtype=np.float64) * bvh.frame_time,
         hand=side,
         up="y",
-        findings=[*bvh.findings, *findings],
     )
-
-
-def _hand(bvh: Bvh, options: ReadOptions) -> tuple[HandSide, Hand, list[Finding]]:
-    """Return the hand of the options, else the right one, and findings; TrajectoryError for none."""
-    found = {side: _hands(bvh.joints, _finger_lines(bvh.joints, side)) for side in (*SIDES, "")}
-    found = {side: hands for side, hands in found.items() if hands}
-    if not found:
-        names = ", ".join(joint.name for joint in bvh.joints if not joint.is_end)[:60]
-        raise TrajectoryError(f"no hand with five fingers of three joints each among {names}…; {NO_HAND}")
-    side, findings = chosen_side(dict.fromkeys(found, 1), options.hand)
-    if len(found[side]) > 1:
-        at = " and ".join(f"'{bvh.joints[wrist].name}'" for wrist, _ in found[side][:2])
-        if not side:
-            raise TrajectoryError(f"{len(found[side])} hands, at {at}, and no joint names a side; {NO_HAND}")
-        findings.append(note(f"{len(found[side])} {side} hands, at {at}: the first one is taken"))
-    return side, found[side][0], findings
 
 
 def _finger_lines(joints: tuple[Joint, ...], side: str) -> dict[str, list[list[int]]]:

@@ -14,11 +14,11 @@ from hhsim.motion.csv_file import (
     csv_fields,
     format_csv,
 )
-from hhsim.motion.csv_table import NewColumn, Table, read_table
+from hhsim.motion.csv_table import NewColumn
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.recording import MOTION, SIDES, Recording, note, unreadable, unused
+from hhsim.recordings.recording import MOTION, SIDES, Recording
 from hhsim.recordings.registry import ANGLE_DIGITS, Changes, Content, ReadOptions, RecordingFormat
 
 
@@ -27,8 +27,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if options.dexmo is not None:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     if options.columns is not None:
-        return mapped(read_table(content.text), options.columns, options)
-    recording = _own(read_table(content.text), options)
+        return mapped(content, content.table, options.columns, options)
+    recording = _own(content, options)
     if recording.hand not in SIDES:
         return recording.changed(hand="")
     # The side that a remark names is part of the format.
@@ -38,13 +38,12 @@ def _read(content: Content, options: ReadOptions) -> Recording:
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
     """Return a table of our own columns with the changes."""
-    table = read_table(content.text)
-    values = csv_fields(table)[0]
+    values = csv_fields(content.table)[0]
     moved = made.motion(*(values[key] for key in MOTION))
     rows = np.concatenate([part[made.rows].reshape(len(made.rows), -1) for part in moved], axis=1)
     digits = [made.digits] * 3 + [ANGLE_DIGITS] * 24
     new = {name: NewColumn(*column) for name, *column in zip(COLUMNS[1:], rows.T, digits)}
-    return content.edited(table, made.rows, new)
+    return content.edited(content.table, made.rows, new)
 
 
 def _make(suffix: str, recording: Recording) -> bytes:
@@ -52,13 +51,15 @@ def _make(suffix: str, recording: Recording) -> bytes:
     return format_csv(Trajectory(**motion)).encode()
 
 
-def _own(table: Table, options: ReadOptions) -> Recording:
+def _own(content: Content, options: ReadOptions) -> Recording:
     """Return the recording of a table with our own columns; TrajectoryError for others."""
+    table = content.table
     fields, broken = csv_fields(table)
-    findings = [note(text) for text in table.notes] + unreadable(broken)
+    content.note(*table.notes)
+    content.unreadable(broken)
     stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
     if stated not in ("", str(count)):
-        findings.append(note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost"))
+        content.note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost")
     if FLAGS in fields:
         fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
     frame = FileFrame.of(options.world_up, options.mirror)
@@ -70,8 +71,8 @@ def _own(table: Table, options: ReadOptions) -> Recording:
         place, turn = fields.get("object_position", np.zeros(3)), fields.get("object_orientation", np.eye(4)[0])
         place, turn = frame.poses(place[None], turn[None])
         fields |= {"object_position": place[0], "object_orientation": turn[0]}
-    findings += unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
-    return Recording(**fields, form="hhsim csv", findings=tuple(findings), file_frame=frame)
+    content.unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
+    return Recording(**fields, form="hhsim csv", file_frame=frame)
 
 
 FORMAT = RecordingFormat(

@@ -10,11 +10,10 @@ import numpy as np
 
 from hhsim.errors import InputError
 from hhsim.motion.csv_file import CSV_SUFFIX
-from hhsim.motion.csv_table import read_table
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
 from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
-from hhsim.recordings.recording import Recording, unreadable
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
@@ -24,8 +23,7 @@ MOST_NORMALISED = 1.5
 
 def _read(content: Content, options: ReadOptions) -> Recording:
     """Read a table of channels; InputError for raw counts without a calibration."""
-    table = read_table(content.text)
-    table = replace(table, header=tuple(ALIAS.get(column, column) for column in table.header))
+    table = replace(content.table, header=tuple(ALIAS.get(column, column) for column in content.table.header))
     places = {"px", "py", "pz"} <= set(table.header)
     turns = {"qw", "qx", "qy", "qz"} <= set(table.header)
     columns = ColumnMap(
@@ -35,8 +33,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         orientation=OrientationColumns(("qw", "qx", "qy", "qz")) if turns else None,
         device="Dexmo",
     )
-    recording = mapped(table, columns, options, CHANNELS)
-    readings, broken = table.numbers(CHANNELS)
+    recording = mapped(content, table, columns, options, CHANNELS)
+    readings = content.numbers(table, CHANNELS, " of channels")
     calibration = options.dexmo or DexmoRegression.default()
     if not calibration.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         reached = np.nanmax(np.abs(readings))
@@ -44,8 +42,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     flexion, abduction = calibration.angles(readings)
     recording = recording.changed(flexion=flexion, abduction=abduction, stated=frozenset({"angle"}))
     text = "joints beyond the first by linear regression"
-    recording = recording.flagged(np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED, text)
-    return recording.found(*unreadable(broken, " of channels"))
+    return recording.flagged(np.ones(len(readings), dtype=bool), SampleFlag.ESTIMATED, text)
 
 
 FORMAT = RecordingFormat(

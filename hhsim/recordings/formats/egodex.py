@@ -10,11 +10,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from hhsim.errors import DamagedFileError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import Content, ReadOptions
-from hhsim.recordings.recording import SIDES, chosen_side, unused
+from hhsim.recordings.recording import SIDES
 from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5, require_own_data
 
@@ -36,19 +36,19 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
             open_hdf5(content.path).close()
         with h5py.File(io.BytesIO(content.data)) as file:
             require_own_data(file)
-            return _hand(file, options)
-    except (DamagedFileError, *DAMAGE) as error:
+            return _hand(content, file, options)
+    except DAMAGE as error:
         raise TrajectoryError(f"a damaged HDF5 file: {' '.join(str(error).split())}") from None
 
 
-def _hand(file: h5py.File, options: ReadOptions) -> JointPositions:
+def _hand(content: Content, file: h5py.File, options: ReadOptions) -> JointPositions:
     group, given = file.get(GROUP), file.get("confidences")
     held: Any = group if isinstance(group, h5py.Group) else {}
     hands = {side: arkit_joints(side) for side in SIDES if set(arkit_joints(side)) <= set(held)}
     if not hands:
         names = ", ".join(list(held or file)[:4]) or "nothing"
         raise TrajectoryError(f"no hand in '{GROUP}', it holds {names}; expected EgoDex's joints, such as rightHand")
-    side, findings = chosen_side({side: len(held[names[0]]) for side, names in hands.items()}, options.hand)
+    side = content.chosen_side({side: len(held[names[0]]) for side, names in hands.items()}, options.hand)
     frames = len(held[hands[side][0]])
     for name in hands[side]:
         if held[name].shape != (frames, 4, 4):
@@ -59,7 +59,7 @@ def _hand(file: h5py.File, options: ReadOptions) -> JointPositions:
         if any(given[name].shape != (frames,) for name in hands[side]):
             raise TrajectoryError(f"confidences of another shape; expected one a frame, ({frames},)")
         validity = {"confidence": np.stack([given[name][:] for name in hands[side]], axis=1)}
-    findings += unused({name: None for name in file if name != GROUP})
+    content.unused({name: None for name in file if name != GROUP})
     return JointPositions(
         position=position,
         what=f"ARKit's joints of the {side} hand",
@@ -69,7 +69,6 @@ def _hand(file: h5py.File, options: ReadOptions) -> JointPositions:
         up="y",
         validity=validity,
         device="ARKit (EgoDex)",
-        findings=findings,
     )
 
 

@@ -15,7 +15,6 @@ Pickled dictionaries of `.npy` are read as data, nothing in them is run; a corre
 or later, and its object stays where it was.
 """
 
-import io
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -23,16 +22,15 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import TrajectoryError, named
-from hhsim.motion.npz_arrays import array_names, npz_with, read_npy
-from hhsim.motion.pickled_data import flat, npy_dictionary, replaced
+from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import NPY, OF_OBJECTS, ZIP, Content, ReadOptions
+from hhsim.recordings.content import NPY, Content, ReadOptions
 from hhsim.recordings.formats.keypoints import points_of
 from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
-from hhsim.recordings.recording import SIDES, Finding, chosen_side, note, unused
-from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
+from hhsim.recordings.recording import SIDES
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import FAR
 
 SIDE_WORDS: dict[str, HandSide] = {"rhand": "right", "right": "right", "r": "right"}
@@ -49,7 +47,6 @@ PROCESSED: dict[HandSide, str] = {side: f"world_coord/joints.{side}" for side in
 """Names of the joints in a processed sequence of ARCTIC."""
 ARCTIC_RATE = 30.0
 """Frames a second of ARCTIC [Hz], which its files do not state."""
-DICTIONARY = "ARCTIC's hands"
 CONVERT = (
     "a sequence of GRAB, whose dictionaries are pickled objects, which are not loaded; save their params as arrays: "
     "np.savez(FILE, rhand_global_orient=…, rhand_fullpose=…, rhand_transl=…, object_global_orient=…, object_transl=…, "
@@ -68,107 +65,80 @@ def _hands(names: Iterable[str]) -> dict[HandSide, dict[str, str]]:
     return {side: held for side, held in hands.items() if {"rotation", "pose"} <= chosen_names(held, FIELDS).keys()}
 
 
-def _arrays(content: Content) -> dict[str, Any]:
-    if content.head.startswith(NPY):
-        return dict(flat(npy_dictionary(content.data, DICTIONARY)))
-    if _is_pickled(content):
-        raise TrajectoryError(CONVERT)
-    return content.arrays
-
-
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
-    if content.head.startswith(NPY):
-        arrays = _arrays(content)
-        if any(name in arrays for name in PROCESSED.values()):
-            return _of_joints(arrays, content, options)
+    if content.head.startswith(NPY) and any(name in content.arrays for name in PROCESSED.values()):
+        return _of_joints(content.arrays, content, options)
     content.name = content.name.removesuffix(".mano")
     return _poses(content, options).joints(options)
 
 
 def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> JointPositions:
     """Return the joints of a processed sequence, which need no model of the hand."""
-    side, remarks = chosen_side({of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}, options.hand)
+    counts = {of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}
+    side = content.chosen_side(counts, options.hand)
     points = points_of(arrays[PROCESSED[side]], PROCESSED[side], content)
     poses = poses_in(arrays, len(points), options)
     if poses is not None and poses.metre is None:
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
-    remarks += unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
+    content.unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
     fields, _ = joints_of_rows(points, content, options)
-    return JointPositions(**fields, findings=remarks, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
+    return JointPositions(**fields, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
 
 
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     """Return the hand of the options, else the one of more samples; raises TrajectoryError."""
-    arrays = _arrays(content)
+    if _is_pickled(content):
+        raise TrajectoryError(CONVERT)
+    arrays = content.arrays
     hands = _hands(arrays)
     if not hands:
         held = ", ".join(list(arrays)[:6]) or "nothing"
         raise TrajectoryError(f"no hand, it holds {held}; expected right and left with rot, pose and trans")
     words = {side: chosen_names(held, FIELDS) for side, held in hands.items()}
     poses = {side: arrays[held[words[side]["pose"]]] for side, held in hands.items()}
-    side, remarks = chosen_side({side: len(np.atleast_1d(each)) for side, each in poses.items()}, options.hand)
+    side = content.chosen_side({side: len(np.atleast_1d(each)) for side, each in poses.items()}, options.hand)
     word, names = words[side]["pose"], {field: hands[side][each] for field, each in words[side].items()}
     few = word == "hand_pose" and np.shape(poses[side])[-1] < ANGLES
-    moved, found = _object(content, arrays, len(np.atleast_1d(poses[side])), word == "pose", options)
+    moved = _object(content, len(np.atleast_1d(poses[side])), word == "pose", options)
     if "betas" not in names or not np.size(arrays[names["betas"]]):
-        found.append(note("no shape of the hand: the model's mean one, whose bones may be millimetres off"))
+        content.note("no shape of the hand: the model's mean one, whose bones may be millimetres off")
     used = {*(name for held in hands.values() for name in held.values()), *(moved.names if moved is not None else ())}
     more = {*hands[side].values()} - {*names.values()}
-    return poses_of(
-        arrays,
-        names,
-        side,
-        [*remarks, *found, *unused(arrays, used - more)],
-        "pca-flat" if few else READINGS.get(word),
-        rate=ARCTIC_RATE if word == "pose" else None,
-        object_poses=moved,
-    )
+    content.unused(arrays, used - more)
+    reading, rate = "pca-flat" if few else READINGS.get(word), ARCTIC_RATE if word == "pose" else None
+    return poses_of(content, names, side, reading, rate=rate, object_poses=moved)
 
 
-def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    new = corrected_arrays(_arrays(content), _poses(content, options), made, options)
-    if content.head.startswith(ZIP):
-        return npz_with(content.data, new)
-    out = io.BytesIO()
-    np.save(out, np.array(replaced(npy_dictionary(content.data, DICTIONARY), new), dtype=object))
-    return out.getvalue()
-
-
-def _object(
-    content: Content, arrays: Mapping[str, Any], count: int, arctic: bool, options: ReadOptions
-) -> tuple[ObjectPoses | None, list[Finding]]:
-    """Return the object's poses among the arrays, else those of ARCTIC's file beside, and findings about them."""
-    poses, path = poses_in(arrays, count, options), content.original
+def _object(content: Content, count: int, arctic: bool, options: ReadOptions) -> ObjectPoses | None:
+    """Return the object's poses among the arrays, else those of ARCTIC's file beside."""
+    poses, path = poses_in(content.arrays, count, options), content.original
     if poses is not None:
-        return (poses._replace(metre=poses.metre or 1e-3) if arctic else poses), []
+        return poses._replace(metre=poses.metre or 1e-3) if arctic else poses
     beside = path and path.with_name(path.name.replace(".mano.", ".object."))
     if beside is None or beside == path or not beside.is_file():
-        return None, []
+        return None
     with named(beside):
         rows = read_npy(Content(beside, what="poses of an object").data)
         poses = poses_in({"object_pose": rows}, count, options)
-    return poses, [note(f"the object moves as {beside.name} beside it has it")]
+    content.note(f"the object moves as {beside.name} beside it has it")
+    return poses
 
 
 def _is_pickled(content: Content) -> bool:
-    names = array_names(content.data)
+    names = content.array_names
     return bool(names & {"rhand", "lhand"}) and bool(names & {"object", "body"})
-
-
-def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(NPY):
-        return OF_OBJECTS in content.head[:256]
-    return content.head.startswith(ZIP) and (_is_pickled(content) or bool(_hands(array_names(content.data))))
 
 
 FORMAT = RecordingFormat(
     "grab",
     "hands and object of ARCTIC or GRAB, with --mano-model",
     (".npy", ".npz", ".pkl"),
-    _sniff,
+    lambda content, options: content.holds_dictionary or _is_pickled(content) or bool(_hands(content.array_names)),
     _read,
-    write=_write,
+    write=lambda content, options, made: content.with_arrays(
+        corrected_arrays(content.arrays, _poses(content, options), made, options)
+    ),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

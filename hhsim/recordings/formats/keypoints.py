@@ -20,9 +20,9 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.motion.csv_table import NewColumn, Table, format_table, lacks_names, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_of, npz_with, numbers, read_npy
+from hhsim.motion.npz_arrays import npz_of
 from hhsim.motion.trajectory import as_numbers
-from hhsim.recordings.content import NPY, ZIP, Content, ReadOptions
+from hhsim.recordings.content import ARCHIVES, NPY, ROWS, ZIP, Content, ReadOptions
 from hhsim.recordings.joint_arrays import (
     ORDERS,
     columns_of_hand,
@@ -36,8 +36,8 @@ from hhsim.recordings.joint_arrays import (
     row_names,
 )
 from hhsim.recordings.joint_names import KEYPOINTS, JointName, joint_name
-from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import Recording, note, readings, unused
+from hhsim.recordings.object_poses import beside
+from hhsim.recordings.recording import Recording, readings
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
 from hhsim.recordings.unit_detection import time_column
 
@@ -58,17 +58,16 @@ FEWEST_NAMED = 4
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the only one; raises TrajectoryError."""
-    if content.head.startswith(NPY):
-        points = points_of(read_npy(content.data), "the array", content)
-        return JointPositions(**joints_of_rows(points, content, options)[0])
-    if content.head.startswith(ZIP):
-        return _from_npz(content, options)
+    if content.head.startswith((NPY, *ARCHIVES)):
+        key, arrays = _points_key(content, options), content.arrays
+        points = points_of(arrays[key], "the array" if key == ROWS else f"array '{key}'", content)
+        fields, used = joints_of_rows(points, content, options, arrays)
+        return JointPositions(**fields, **beside(content, len(points), options, {key, *used}))
     if content.is_json:
         return joints_of_frames(content, options, *frames_in(content.document))
-    table, names, notes = _named_table(content)
-    joints = joints_of_table(table, names, options)
+    joints = joints_of_table(content, *_named_table(content), options)
     fields, _ = joints_of_rows(joints.position, content, options)
-    return replace(joints, findings=[*map(note, notes), *joints.findings], **fields)
+    return replace(joints, **fields)
 
 
 def points_of(array: Any, where: str, content: Content) -> FloatArray:
@@ -84,32 +83,19 @@ def points_of(array: Any, where: str, content: Content) -> FloatArray:
     return readings("position", points, points.shape)
 
 
-def _from_npz(content: Content, options: ReadOptions) -> JointPositions:
-    arrays = content.arrays
-    if not arrays and content.packed:
-        raise TrajectoryError(f"no arrays of numbers; expected one of shape {SHAPES}")
-    if not arrays:
-        files = ", ".join(sorted(array_names(content.data))[:4]) or "nothing"
-        if "[Content_Types].xml" in files:
-            raise TrajectoryError("an Excel workbook is not read; save it as CSV")
-        raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
-    key = _points_key(content, options)
-    points, stamps = points_of(arrays[key], f"array '{key}'", content), time_column(arrays)
-    count = len(points)
-    time = None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count))
-    fields, used = joints_of_rows(points, content, options, arrays)
-    poses = poses_in(arrays, count, options)
-    used |= {key, *(poses.names if poses else ()), *(stamps.names if stamps else ())}
-    unit = None if stamps is None else stamps.unit
-    return JointPositions(**fields, time=time, time_unit=unit, object_poses=poses, findings=unused(arrays, used))
-
-
 def _points_key(content: Content, options: ReadOptions) -> str:
     """Return the name of the array of points, that of the options if they have one.
 
     Raises TrajectoryError if there is none, or more than one; UnknownNameError for a name that the file does not have.
     """
     arrays = content.arrays
+    if arrays.keys() == {ROWS}:
+        return ROWS
+    if not arrays and content.head.startswith(ZIP):
+        files = ", ".join(sorted(content.array_names)[:4]) or "nothing"
+        if "[Content_Types].xml" in files:
+            raise TrajectoryError("an Excel workbook is not read; save it as CSV")
+        raise TrajectoryError(f"a zip archive of {files}, without an array; expected .npz, or the recording unpacked")
     if options.array is not None:
         if options.array not in arrays:
             raise UnknownNameError("array", options.array, arrays)
@@ -121,24 +107,22 @@ def _points_key(content: Content, options: ReadOptions) -> str:
     if len(named) > 1:
         raise TrajectoryError(f"{len(named)} arrays of joints, {', '.join(named)}; say which: --array NAME, or --hand")
     if not named:
-        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:MOST_LISTED])
+        held = ", ".join(f"{key} {np.shape(value)}" for key, value in list(arrays.items())[:MOST_LISTED]) or "nothing"
         raise TrajectoryError(f"no array of shape {SHAPES}; it holds {held}")
     return named[0]
 
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    if content.head.startswith(NPY):
-        return npy_with(content.data, _moved(read_npy(content.data), content, options, made))
-    if content.head.startswith(ZIP):
+    if content.head.startswith((NPY, *ARCHIVES)):
         key = _points_key(content, options)
-        return npz_with(content.data, {key: _moved(content.arrays[key], content, options, made)})
-    table, names, _ = _named_table(content)
+        return content.with_arrays({key: _moved(content.arrays[key], content, options, made)})
+    table, names = _named_table(content)
     # The columns are numbered in MediaPipe's order, whatever the joints are.
-    joints = row_names(joints_of_table(table, names, options).position, content, options)[0]
+    joints = row_names(joints_of_table(content, table, names, options).position, content, options)[0]
     read = dict(zip(KEYPOINTS, joints))
     names = {column: name._replace(joint=read[name.joint]) for column, name in names.items()}
     columns: dict[str, NewColumn] = {}
-    for joint, parts in columns_of_hand(names, options)[1].items():
+    for joint, parts in columns_of_hand(content, names, options)[1].items():
         cells = [parts[axis] for axis in "xyz"]
         moved = made.moved(joint, table.numbers(cells)[0][made.rows])
         columns |= {cell: NewColumn(values, made.digits) for cell, values in zip(cells, moved.T)}
@@ -174,22 +158,23 @@ def _numbered_names(header: tuple[str, ...]) -> dict[str, JointName]:
     return {column: name for column, name in names.items() if name.side in whole}
 
 
-def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName], list[str]]:
-    """Return the table, the meanings of its columns, and notes about them."""
+def _named_table(content: Content) -> tuple[Table, Mapping[str, JointName]]:
+    """Return the table, and the meanings of its columns."""
     header = content.header
     bare = len(header) == len(COORDINATES) and lacks_names(header)
     table = read_table(content.text, names=[f"{name.part} of {name.joint}" for name in COORDINATES] if bare else None)
-    notes = ["no header line: the first line is a sample"] if bare else []
+    if bare:
+        content.note("no header line: the first line is a sample")
     names: Mapping[str, JointName] = _numbered_names(table.header)
     if not names:
         stamps = time_column(table.header)
-        columns = [name for name in table.header if stamps is None or name not in (*stamps.names, *stamps.others)]
+        columns = [name for name in table.header if name not in (*stamps.names, *stamps.others)]
         if len(columns) != len(COORDINATES):
-            given = f"{len(columns)} columns{' and a time' if stamps else ''}"
+            given = f"{len(columns)} columns{' and a time' if stamps.name else ''}"
             raise TrajectoryError(f"{given}; expected {len(COORDINATES)} coordinates of {COUNT} points")
         names = dict(zip(columns, COORDINATES))
-        notes.append(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
-    return table, names, notes
+        content.note(f"{len(columns)} columns without numbered names: taken as x, y, z of each point in turn")
+    return table, names
 
 
 def _make(suffix: str, recording: Recording) -> bytes:
@@ -204,10 +189,8 @@ def _make(suffix: str, recording: Recording) -> bytes:
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(NPY):
-        return True
-    if content.head.startswith(ZIP):
-        names = array_names(content.data)
+    if content.head.startswith((NPY, *ARCHIVES)):
+        names = content.array_names
         foreign = {"wrist_pos", "flex", "poses", "pose", "hand_pose", "mano_pose"}
         return options.array is not None or (bool(names) and not names & foreign)
     if content.is_json:
@@ -219,9 +202,10 @@ def _sniff(content: Content, options: ReadOptions) -> bool:
     if len({name.joint for name in said if name.joint and name.part in ("x", "y", "z")}) >= FEWEST_NAMED:
         # Columns named after joints may stand in any order: format openxr.
         return False
-    stamps = time_column(header) if len(header) > len(COORDINATES) else None
-    stamped = 0 if stamps is None else len(stamps.names) + len(stamps.others)
-    return bool(_numbered_names(header)) or len(header) == len(COORDINATES) + stamped
+    if len(header) > len(COORDINATES):
+        stamps = time_column(header)
+        header = tuple(name for name in header if name not in (*stamps.names, *stamps.others))
+    return len(header) == len(COORDINATES) or bool(_numbered_names(header))
 
 
 FORMAT = RecordingFormat(

@@ -12,13 +12,12 @@ import numpy as np
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import Content, ReadOptions, keys_of, number, objects, read_json, vector
 from hhsim.recordings.finger_ik import palm_rotation
 from hhsim.recordings.frames import axis_flip
 from hhsim.recordings.joint_positions import JointPositions, recording_of_joints
-from hhsim.recordings.json_document import keys_of, number, objects, read_json, vector
-from hhsim.recordings.recording import SIDES, Recording, frames_with_hand, note, unused
-from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
+from hhsim.recordings.recording import SIDES, Recording
+from hhsim.recordings.registry import RecordingFormat
 from hhsim.system.child_reader import read_in_child
 
 MILLIMETRE = 1e-3
@@ -42,12 +41,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     if not any(sides):
         held = frames[0] if frames else found.get("frames", document)
         raise TrajectoryError(f"no hand in any of {len(frames)} frames of Leap Motion's, {keys_of(held)}; {EXPECTED}")
-    side, shown, findings = frames_with_hand(sides, options.hand)
+    side, shown = content.frames_with_hand(sides, options.hand)
     stated = metadata.get("frames")
     if isinstance(stated, int) and stated != len(frames):
-        findings.append(note(f"{len(frames)} frames where the file says {stated}: some are lost"))
-    findings += unused(found, ("frames", "metadata"))
-    hands = [_hand(frames[k], side) for k in shown]
+        content.note(f"{len(frames)} frames where the file says {stated}: some are lost")
+    content.unused(found, ("frames", "metadata"))
+    # Of several hands of a side the longest visible.
+    ours = ([hand for hand in objects(frames[k].get("hands")) if hand.get("type") == side] for k in shown)
+    hands = [max(each, key=lambda hand: np.nan_to_num(number(hand.get("timeVisible")))) for each in ours]
     flip = axis_flip(options.mirror)
     direction, normal = (
         flip * np.array([vector(hand.get(key)) for hand in hands]) for key in ("direction", "palmNormal")
@@ -65,7 +66,6 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         up="y",
         palm=palm_rotation(direction, -normal),
         device="Leap Motion",
-        findings=findings,
         rows=shown,
     )
     confidence, made = np.array([number(hand.get("confidence")) for hand in hands]), metadata.get("generatedBy")
@@ -83,20 +83,15 @@ def _looks_packed(text: str) -> bool:
 
 
 def unpack(text: str) -> str:
-    """Decompress LZ-string's text; raise TrajectoryError for one that is damaged or cut short, or without lzstring."""
-    try:
-        from lzstring import LZString
-    except ImportError:
-        raise TrajectoryError("LZ-string text needs lzstring: pip install 'hhsim[recordings]'") from None
+    """Decompress LZ-string's text; raise DamagedFileError for one that is damaged or cut short."""
+    from lzstring import LZString
+
     letters, damaged = "".join(text.split()), "damaged LZ-string text"
-    try:
-        found: str | None = read_in_child(
-            lambda: LZString.decompressFromBase64(letters), damaged, len(letters), rate=LETTERS_A_SECOND
-        )
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
+    found: str | None = read_in_child(
+        lambda: LZString.decompressFromBase64(letters), damaged, len(letters), rate=LETTERS_A_SECOND
+    )
     if not found:
-        raise TrajectoryError(f"{damaged}; was it cut short?")
+        raise DamagedFileError(f"{damaged}; was it cut short?")
     return found
 
 
@@ -131,12 +126,6 @@ def _unpacked(structure: Any, packed: Any, where: str, depth: int = 0) -> Any:
         else:
             out[str(key)] = value
     return out
-
-
-def _hand(frame: Mapping[str, Any], side: HandSide) -> Mapping[str, Any]:
-    """Return the hand of this side, of several the longest visible."""
-    hands = [hand for hand in objects(frame.get("hands")) if hand.get("type") == side]
-    return max(hands, key=lambda hand: float(np.nan_to_num(number(hand.get("timeVisible")), nan=0.0)))
 
 
 def _joints(frame: Mapping[str, Any], hand: Mapping[str, Any]) -> list[list[float]]:

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.errors import DamagedFileError, InputError, TrajectoryError
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
+from hhsim.recordings.content import MOST, Content, ReadOptions, number
 from hhsim.recordings.joint_arrays import order_by_bones
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
-from hhsim.recordings.json_document import MOST, number
 from hhsim.recordings.object_poses import is_objects, poses_in
-from hhsim.recordings.recording import Finding, Recording, chosen_side, note, unused
-from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
+from hhsim.recordings.recording import Recording
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.input_file import most_unpacked
 
@@ -37,28 +37,28 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
     """Read one episode and hand; raises TrajectoryError, and InputError for an episode that is not there."""
     columns = _columns(content.data)
     info = _info(content)
-    findings: list[Finding] = []
-    rows = _episode(columns, options, findings)
+    rows = _episode(columns, options, content)
     content.stated = StatedFields({name: cells.to_pylist() for name, cells in columns.items() if kind_of(name)})
     if options.columns is not None:
-        return mapped(_table(columns, rows, info), options.columns, options).found(*findings).changed(rows=rows)
+        return mapped(content, _table(columns, rows, info), options.columns, options).changed(rows=rows)
     names = [name for name in columns if name.split(".")[-1] == "hand_joints"]
     width, hands = 2 * JOINTS * 3, _numbers(columns, names[0], rows) if names else np.zeros((0, 0))
     if hands.shape[1] not in (width, width // 2):
         what = f"{names[0]} has {hands.shape[1]} numbers" if names else f"no hand_joints among {', '.join(columns)}"
         raise TrajectoryError(f"{what}; expected 2 × {JOINTS} × 3, or --columns that explain the others")
     if len(names) > 1:
-        findings.append(note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}"))
+        content.note(f"joints from {names[0]}; there is also {', '.join(names[1:3])}")
     points = hands.reshape(len(hands), -1, JOINTS, 3)
     sides: list[HandSide] = ["left", "right"] if points.shape[1] == 2 else [""]
     with np.errstate(invalid="ignore", over="ignore"):
         seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
-    side, remarks = chosen_side(dict(zip(sides, seen.tolist())), options.hand)
+    side = content.chosen_side(dict(zip(sides, seen.tolist())), options.hand)
     points = points[:, sides.index(side)]
     order_by_bones(points, {"openxr": WEBXR_JOINTS})
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
     poses = poses_in({name: _numbers(columns, name, rows) for name in columns if is_objects(name)}, len(hands), options)
     used = {*names, "timestamp", "episode_index", *(poses.names if poses is not None else ())}
+    content.unused(dict.fromkeys(columns), used)
     rate = number(info.get("fps"))
     return JointPositions(
         position=points[:, places],
@@ -70,18 +70,14 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
         up="y",
         object_poses=poses,
         device=str(info.get("robot_type") or ""),
-        findings=[*findings, *unused(dict.fromkeys(columns), used), *remarks],
         rows=rows,
     )
 
 
 def _columns(data: bytes) -> dict[str, Any]:
     """Return the columns as pyarrow's lists; pages that have a checksum agree with it."""
-    try:
-        import pyarrow
-        from pyarrow import parquet
-    except ImportError:
-        raise TrajectoryError("a Parquet file: pip install pyarrow") from None
+    import pyarrow
+    from pyarrow import parquet
 
     def read() -> dict[str, Any]:
         file = parquet.ParquetFile(pyarrow.BufferReader(data), page_checksum_verification=True)
@@ -91,10 +87,7 @@ def _columns(data: bytes) -> dict[str, Any]:
         table.validate(full=True)
         return {str(name): table.column(k) for k, name in enumerate(table.column_names)}
 
-    try:
-        return read_in_child(read, "not a Parquet file, or a damaged one", len(data))
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
+    return read_in_child(read, "not a Parquet file, or a damaged one", len(data))
 
 
 def _info(content: Content) -> dict[str, Any]:
@@ -110,7 +103,7 @@ def _info(content: Content) -> dict[str, Any]:
     return document if isinstance(document, dict) else {}
 
 
-def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Finding]) -> IntArray:
+def _episode(columns: dict[str, Any], options: ReadOptions, content: Content) -> IntArray:
     """Return the rows of the episode of the options, else of the only one."""
     if "episode_index" not in columns and options.episode is not None:
         raise InputError("--episode: the file has no episode_index")
@@ -125,7 +118,7 @@ def _episode(columns: dict[str, Any], options: ReadOptions, findings: list[Findi
         raise InputError(f"--episode {wanted}: the file has {', '.join(map(str, episodes[:8])) or 'none'}")
     rows = np.flatnonzero(index == wanted)
     if len(episodes) > 1:
-        findings.append(note(f"episode {wanted} of {len(episodes)}"))
+        content.note(f"episode {wanted} of {len(episodes)}")
     return rows
 
 

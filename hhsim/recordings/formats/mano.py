@@ -24,15 +24,13 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, quaternion_from_matrix, rotation_matrix, rotation_vector
-from hhsim.motion.npz_arrays import array_names, npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import numbers, read_npz
 from hhsim.motion.pickled_data import plain, unpickled
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.content import ZIP, Content, ReadOptions, stated_hand
-from hhsim.recordings.json_document import read_pose_lines
-from hhsim.recordings.object_poses import poses_in
-from hhsim.recordings.recording import OTHER, Finding, note, unused
+from hhsim.recordings.content import ARCHIVES, ZIP, Content, ReadOptions, keys_of, number, objects, vector
+from hhsim.recordings.object_poses import beside
+from hhsim.recordings.recording import OTHER
 from hhsim.recordings.registry import Changes, JointPositions, RecordingFormat
-from hhsim.recordings.unit_detection import time_column
 
 VERTICES, JOINTS, SHAPES = 778, 16, 10
 TIPS = (744, 320, 443, 554, 671)
@@ -199,7 +197,6 @@ class ManoPoses(NamedTuple):
     hand: HandSide
     names: Mapping[str, str] = {}  # names of the arrays by the words of `FIELDS`
     usual: str | None = None  # usual reading, of `READINGS`
-    findings: Sequence[Finding] = ()
     more: Mapping[str, Any] = {}  # stamps, a rate, an object's poses and rows: further fields of `JointPositions`
 
     def reading(self, options: ReadOptions) -> str:
@@ -242,7 +239,6 @@ class ManoPoses(NamedTuple):
             what=f"{count} numbers a pose: {READINGS[reading]} ({reading}); model {file.lower()}",
             hand=options.hand or self.hand,
             unit=1.0,
-            findings=self.findings,
             **self.more,
         )
 
@@ -254,14 +250,10 @@ def chosen_names(held: Iterable[str], fields: Mapping[str, Sequence[str]] = FIEL
 
 
 def poses_of(
-    arrays: Mapping[str, Any],
-    names: Mapping[str, str],
-    hand: HandSide,
-    findings: Sequence[Finding],
-    usual: str | None = None,
-    **more: Any,
+    content: Content, names: Mapping[str, str], hand: HandSide, usual: str | None = None, **more: Any
 ) -> ManoPoses:
     """Return the poses in arrays of these names by the words of `FIELDS`, with more fields; error for none."""
+    arrays = content.arrays
     pose = numbers(arrays, names["pose"])
     if not len(pose) or pose.ndim not in (2, 3):
         wrong = "expected (T, 48) or (T, 3 + n)" if len(pose) else "no samples"
@@ -277,10 +269,11 @@ def poses_of(
     if "translation" in names:
         translation = numbers(arrays, names["translation"], count, 3)
     else:
-        translation, findings = np.zeros((count, 3)), [*findings, note("no translation: the hand turns on the spot")]
+        translation = np.zeros((count, 3))
+        content.note("no translation: the hand turns on the spot")
     betas = numbers(arrays, names["betas"]) if "betas" in names else np.zeros(0)
     betas = (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:SHAPES]
-    return ManoPoses(rotation, pose, translation, betas, hand, names, usual, findings, more)
+    return ManoPoses(rotation, pose, translation, betas, hand, names, usual, more)
 
 
 def corrected_arrays(
@@ -325,40 +318,85 @@ def _corrected(
     return turned, angles
 
 
+HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
+MOST_NUMBERS = 256
+SAME_MOMENT = 1e6
+"""Largest time between stamps of one moment, of two cameras [ns]."""
+
+
+class PoseLines(NamedTuple):
+    """Poses of one hand in HOT3D's lines; missing numbers are NaN."""
+
+    hand: HandSide
+    translation: FloatArray  # of the wrist [m], world, shape (T, 3)
+    orientation: FloatArray  # its unit quaternion (w, x, y, z), shape (T, 4)
+    numbers: FloatArray  # numbers under the key, shape (T, N)
+    betas: FloatArray  # shape of the hand, of the first sample that has it; empty for none
+    fields: dict[str, Any]  # stamps, and line of each sample: fields of `JointPositions`
+
+
+def read_pose_lines(content: Content, key: str, wanted: HandSide) -> PoseLines:
+    """Read the poses, under a key, of the wanted hand, or for "" of the one in more lines (of equals the right one).
+
+    A line is {"timestamp_ns": …, "hand_poses": {"0": {"wrist_xform": {"t_xyz": […], "q_wxyz": […]}, key: […]}}}; hand 0
+    is the left one. Raises TrajectoryError for other content, or no such hand in it.
+    """
+    document = content.document
+    lines = list(objects(document if isinstance(document, list) else [document]))
+    frames: list[dict[HandSide, dict[str, Any]]] = []
+    for line in lines:
+        poses = line["hand_poses"] if isinstance(line.get("hand_poses"), dict) else {}
+        given = {side: pose for index, side in HANDS.items() if isinstance(pose := poses.get(index), dict)}
+        frames.append({side: pose for side, pose in given.items() if isinstance(pose.get(key), list)})
+    if not any(frames):
+        raise TrajectoryError(f"no hand_poses with {key} in JSON that is {keys_of(document)}")
+    side, shown = content.frames_with_hand(frames, wanted)
+    content.unused(dict.fromkeys(key for line in lines for key in line), ("timestamp_ns", "hand_poses"))
+    stamps, rows = [number(line.get("timestamp_ns")) for line in lines], shown[:1]
+    for row in shown[1:]:
+        if not 0.0 < stamps[row] - stamps[rows[-1]] < SAME_MOMENT:
+            rows.append(row)
+    if len(rows) < len(shown):
+        same = f"{len(shown) - len(rows)} of {len(shown)} poses are of the moment of the one before"
+        content.note(f"{same}, as of a second camera: no samples")
+    kept = [frames[row][side] for row in rows]
+    wide = max(len(pose[key]) for pose in kept)
+    if wide > MOST_NUMBERS:
+        raise TrajectoryError(f"{wide} numbers a pose; expected those of a hand")
+    wrists = [pose["wrist_xform"] if isinstance(pose.get("wrist_xform"), dict) else {} for pose in kept]
+    turns = np.array([vector(wrist.get("q_wxyz"), "wxyz") for wrist in wrists])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    shape: list[Any] = next((pose["betas"] for pose in kept if isinstance(pose.get("betas"), list)), [])
+    return PoseLines(
+        hand=side,
+        translation=np.array([vector(wrist.get("t_xyz")) for wrist in wrists]),
+        orientation=turns,
+        numbers=np.array([vector(pose[key], range(wide)) for pose in kept]),
+        betas=np.array([number(value) for value in shape[:MOST_NUMBERS]]),
+        fields={"time": np.array(stamps)[rows], "time_unit": "ns", "rows": rows},
+    )
+
+
 def _poses(content: Content, options: ReadOptions) -> ManoPoses:
-    if not content.head.startswith(ZIP):
-        lines = read_pose_lines(content.document, "pose", options.hand)
+    if not content.head.startswith(ARCHIVES):
+        lines = read_pose_lines(content, "pose", options.hand)
         poses = rotation_vector(lines.orientation), lines.numbers, lines.translation, lines.betas, lines.hand
-        more = {"time": lines.stamps, "time_unit": "ns", "rows": lines.rows}
-        return ManoPoses(*poses, findings=lines.findings, more=more)
+        return ManoPoses(*poses, more=lines.fields)
     arrays = content.arrays
     names = chosen_names(arrays)
     if "pose" not in names:
         held = ", ".join(sorted(arrays)[:6])
         raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(FIELDS['pose'])}")
-    count, stamps = len(np.atleast_1d(arrays[names["pose"]])), time_column(arrays)
-    moved = poses_in(arrays, count, options)
-    used = {*names.values(), *(moved.names if moved else ()), *(stamps.names if stamps else ())}
-    return poses_of(
-        arrays,
-        names,
-        stated_hand(content, options.hand, np.arange(count), [])[0],
-        unused(arrays, used),
-        time=None if stamps is None else stamps.stamps(lambda name: numbers(arrays, name, count)),
-        time_unit=None if stamps is None else stamps.unit,
-        object_poses=moved,
-    )
-
-
-def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    return npz_with(content.data, corrected_arrays(content.arrays, _poses(content, options), made, options))
+    count = len(np.atleast_1d(arrays[names["pose"]]))
+    side, _ = content.stated_hand(options.hand, np.arange(count))
+    return poses_of(content, names, side, **beside(content, count, options, names.values()))
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:
-    if content.head.startswith(ZIP):
-        return bool(array_names(content.data) & set(FIELDS["pose"]))
     text = content.beginning
-    return text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
+    is_lines = text.lstrip().startswith("{") and '"hand_poses"' in text and '"pose"' in text
+    return is_lines or not content.array_names.isdisjoint(FIELDS["pose"])
 
 
 FORMAT = RecordingFormat(
@@ -367,6 +405,8 @@ FORMAT = RecordingFormat(
     (".npz", ".jsonl"),
     _sniff,
     lambda content, options: _poses(content, options).joints(options),
-    write=_write,
+    write=lambda content, options, made: content.with_arrays(
+        corrected_arrays(content.arrays, _poses(content, options), made, options)
+    ),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.errors import DamagedFileError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS, joint_name
-from hhsim.recordings.recording import MOST_SAMPLES, chosen_side, note, unused
+from hhsim.recordings.recording import MOST_SAMPLES
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
 from hhsim.system.child_reader import read_in_child
 from hhsim.system.counted import counted
@@ -33,48 +33,34 @@ JOINT = np.dtype(
 )
 """Joint of a record: position, quaternion, validity, radius, aligned to four bytes."""
 NANOSECOND = 1e-9
-
-
 Sample = tuple[tuple[int, ...], NDArray[np.void] | None]
-"""Stamps, and the joints if the hand was seen."""
-Messages = tuple[list[tuple[str, str]], list[tuple[str, int, bytes]]]
-"""Topic and schema of each channel; topic, log time [ns] and data of each hand."""
+"""Stamps [ns], and the joints if the hand was seen."""
 
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one with more samples; raises TrajectoryError."""
-    try:
-        import mcap.stream_reader  # noqa: F401
-    except ImportError:
-        raise TrajectoryError("an MCAP file needs mcap: pip install 'hhsim[recordings]'") from None
+    import mcap.stream_reader  # noqa: F401
+
     data = content.data
-    try:
-        channels, hands = read_in_child(lambda: _read_messages(data), "a damaged MCAP file", len(data))
-    except DamagedFileError as error:
-        raise TrajectoryError(str(error)) from None
-    samples: dict[HandSide, list[Sample]] = {}
-    for topic, log_time, record in hands:
-        samples.setdefault(joint_name(topic).side, []).append(_sample(log_time, record))
+    channels, samples = read_in_child(lambda: _channels_and_hands(data), "a damaged MCAP file", len(data))
     if not samples:
         held = ", ".join(sorted({f"{topic} ({schema or 'no schema'})" for topic, schema in channels})[:4])
         what = f"no hand among the channels, which are {held or 'none'}"
         raise TrajectoryError(f"{what}; expected {HAND_SCHEMA} on left_hand or right_hand")
     seen = {side: [k for k, sample in enumerate(each) if sample[1] is not None] for side, each in samples.items()}
-    side, findings = chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
-    findings += unused(
+    side = content.chosen_side({side: len(rows) for side, rows in seen.items()}, options.hand)
+    content.unused(
         dict.fromkeys(topic for topic, schema in channels if not joint_name(topic).side or schema != HAND_SCHEMA)
     )
     total, shown = len(samples[side]), [samples[side][k] for k in seen[side]]
     if not shown:
         raise TrajectoryError(f"{total} samples of the {side} hand, and none in which it was seen")
     if len(shown) < total:
-        findings.append(note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples"))
-    if all(len(stamps) == 3 for stamps, _ in shown):
-        given = np.array([stamps[1] for stamps, _ in shown], dtype=np.int64)
-        findings.append(note("stamps: when the sample was taken, host's clock"))
-    else:
-        given = np.array([stamps[-1] for stamps, _ in shown], dtype=np.int64)
-        findings.append(note("stamps: when the messages were logged; the records have no others"))
+        content.note(f"{total - len(shown)} of {total} frames show no {side} hand: no samples")
+    stamped = all(len(stamps) == 3 for stamps, _ in shown)
+    given = np.array([stamps[1 if stamped else -1] for stamps, _ in shown], dtype=np.int64)
+    logged = "when the messages were logged; the records have no others"
+    content.note("stamps: " + ("when the sample was taken, host's clock" if stamped else logged))
     joints = np.array([joints for _, joints in shown])
     places = [OPENXR_JOINTS.index(joint) for joint in KEYPOINTS]
     with np.errstate(invalid="ignore"):
@@ -91,18 +77,18 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
         radius=radius if known else None,
         validity={"valid": joints["valid"][:, places].astype(np.float64)},
         device="OpenXR through Isaac Teleop",
-        findings=findings,
         rows=seen[side],
     )
 
 
-def _read_messages(data: bytes) -> Messages:
+def _channels_and_hands(data: bytes) -> tuple[list[tuple[str, str]], dict[HandSide, list[Sample]]]:
+    """Return topic and schema of each channel, and the samples of each hand; ValueError, struct.error for damage."""
     from mcap.records import Channel, Message, Schema, Statistics
     from mcap.stream_reader import StreamReader
 
     schemas: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
-    hands: list[tuple[str, int, bytes]] = []
+    hands: dict[HandSide, list[Sample]] = {}
     messages = 0
     reader: Any = StreamReader(io.BytesIO(data), validate_crcs=True, record_size_limit=len(data))
     for record in reader.records:
@@ -115,44 +101,31 @@ def _read_messages(data: bytes) -> Messages:
             if messages > MOST_SAMPLES:
                 raise TrajectoryError(f"more than {MOST_SAMPLES:,} messages; expected a recording of a hand")
             topic, schema = channels.get(record.channel_id, ("", ""))
-            if schema == HAND_SCHEMA and joint_name(topic).side:
-                hands.append((topic, record.log_time, record.data))
+            if schema == HAND_SCHEMA and (side := joint_name(topic).side):
+                hands.setdefault(side, []).append(_sample(record.log_time, record.data))
         elif isinstance(record, Statistics) and record.message_count != messages:
-            what = f"a damaged MCAP file: {counted(messages, 'message')}"
-            raise TrajectoryError(f"{what}, where its statistics count {record.message_count}")
+            raise ValueError(f"{counted(messages, 'message')}, where its statistics count {record.message_count}")
     return [*channels.values()], hands
 
 
 def _sample(log_time: int, data: bytes) -> Sample:
     """Return stamps and joints of a record: a FlatBuffers table of a table and a struct of three stamps."""
-    (root,) = _unpack("<I", data, 0)
+    (root,) = struct.unpack_from("<I", data)
     stamp, hand = _field(data, root, 1), _field(data, root, 0)
-    stamps = _unpack("<qqq", data, stamp) if stamp else (log_time,)
-    joints = hand and _field(data, hand + _unpack("<I", data, hand)[0], 0)
-    if not joints:
-        return stamps, None
-    if joints + len(OPENXR_JOINTS) * JOINT.itemsize > len(data):
-        raise TrajectoryError("a damaged MCAP file: a hand ends beyond its message")
-    return stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints)
+    stamps = struct.unpack_from("<qqq", data, stamp) if stamp else (log_time,)
+    joints = hand and _field(data, hand + struct.unpack_from("<I", data, hand)[0], 0)
+    return stamps, np.frombuffer(data, JOINT, len(OPENXR_JOINTS), joints) if joints else None
 
 
 def _field(data: bytes, table: int, index: int) -> int:
     """Return the place of a table's field; 0 where it is left out."""
-    (back,) = _unpack("<i", data, table)
-    (size,) = _unpack("<H", data, table - back)
-    if 4 + 2 * index >= size:
-        return 0
-    (offset,) = _unpack("<H", data, table - back + 4 + 2 * index)
+    (back,) = struct.unpack_from("<i", data, table)
+    if back > table:
+        raise ValueError("a table whose fields are before its record")
+    (size,) = struct.unpack_from("<H", data, table - back)
+    place = 4 + 2 * index
+    (offset,) = struct.unpack_from("<H", data, table - back + place) if place < size else (0,)
     return table + offset if offset else 0
-
-
-def _unpack(form: str, data: bytes, place: int) -> tuple[int, ...]:
-    try:
-        if place < 0:
-            raise struct.error
-        return struct.unpack_from(form, data, place)
-    except struct.error:
-        raise TrajectoryError("a damaged MCAP file: a number beyond the end of its record") from None
 
 
 FORMAT = RecordingFormat(

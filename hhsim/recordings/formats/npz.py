@@ -13,14 +13,13 @@ import json
 import numpy as np
 
 from hhsim.errors import TrajectoryError
-from hhsim.motion.npz_arrays import npz_of, npz_with, numbers, read_npz
+from hhsim.motion.npz_arrays import npz_of, numbers
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.content import ZIP, Content, ReadOptions
+from hhsim.recordings.content import ARCHIVES, Content, ReadOptions, nested
 from hhsim.recordings.frames import OURS, FileFrame
 from hhsim.recordings.joint_names import hand_statement, missing_and_doubtful
-from hhsim.recordings.json_document import nested
 from hhsim.recordings.object_poses import ORDERS, placed, poses_in
-from hhsim.recordings.recording import Finding, Recording, note, unused
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Changes, RecordingFormat
 
 QUATERNIONS = {"wrist_quat_wxyz": "wxyz", "wrist_quat": None, "wrist_quat_xyzw": "xyzw"}
@@ -57,15 +56,14 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     orientation = orientation[:, _places(turn, options)]
     meta = {key: value for key, value in nested(arrays.get("meta")).items() if isinstance(value, str)}
     frame = meta.get("frame", "").lower()
-    findings: list[Finding] = []
     axes = options.palm_axes or next((axes for words, axes in FRAMES if words in frame), None)
     up = options.world_up or next((up for words, up in UPRIGHT if words in frame), "z")
     if axes is None:
         reason = f"frame '{meta['frame']}' is not known" if frame else "the file names no frame"
-        findings.append(note(f"{reason}: the palm's axes are taken as ours (y to the fingers, z out of the back)"))
+        content.note(f"{reason}: the palm's axes are taken as ours (y to the fingers, z out of the back)")
         axes = OURS
     if tuple(axes) != OURS or up != "z":
-        findings.append(note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up"))
+        content.note(f"palm axes x, y, z are the recording's {', '.join(axes)}; its world's {up} points up")
     file_frame = FileFrame.of(up, options.mirror)
     position, orientation = file_frame.poses(position, orientation, axes)
     poses = poses_in(arrays, count, options, order="wxyz", strict=True)
@@ -73,13 +71,13 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     plain = [name for name in rows if np.shape(rows[name])[-1:] in ((4,), (7,)) and not name.endswith(tuple(ORDERS))]
     if plain and options.pose_order is None:
         text = f"{' and '.join(plain)}: no name tells the order of the quaternions, taken as w, x, y, z: --pose-order"
-        findings.append(note(text))
+        content.note(text)
     stated = {
         name: said.part for name in arrays if (said := hand_statement(name)) and np.shape(arrays[name]) == (count,)
     }
     validity = {part: numbers(arrays, name, count)[:, None] for name, part in stated.items()}
     used = {"t", "wrist_pos", turn, "flex", "abd", "meta", *stated, *(poses.names if poses is not None else ())}
-    findings += unused(arrays, used)
+    content.unused(arrays, used)
     recording = Recording(
         time=time,
         position=position,
@@ -92,8 +90,8 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         file_frame=file_frame,
     )
     if meta.get("note"):
-        findings.append(note(f"the file says: {meta['note']}"))
-    recording = placed(recording.found(*findings), poses)
+        content.note(f"the file says: {meta['note']}")
+    recording = placed(recording.found(*content.told()), poses)
     lost, doubtful = (each[:, 0] for each in missing_and_doubtful(validity, (count, 1)))
     motion = np.nan_to_num(np.concatenate([position, orientation, recording.angles], axis=1), nan=np.inf)
     held = (motion[1:] == motion[:-1]).all(axis=1)
@@ -112,13 +110,13 @@ def _make(suffix: str, recording: Recording) -> bytes:
 
 
 def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
-    arrays = read_npz(content.data)
+    arrays = content.arrays
     key = next(key for key in QUATERNIONS if key in arrays)
     place, turn, flexion, abduction = (numbers(arrays, name) for name in ("wrist_pos", key, "flex", "abd"))
     places = _places(key, options)
     place, turn, flexion, abduction = made.motion(place, turn[:, places], flexion, abduction)
     new = {"wrist_pos": place, key: turn[:, np.argsort(places)], "flex": flexion, "abd": abduction}
-    return npz_with(content.data, new)
+    return content.with_arrays(new)
 
 
 def _places(name: str, options: ReadOptions) -> list[int]:
@@ -130,7 +128,7 @@ FORMAT = RecordingFormat(
     "npz",
     "NumPy arrays t, wrist_pos, wrist_quat, flex, abd",
     (".npz",),
-    lambda content, options: content.head.startswith(ZIP),
+    lambda content, options: content.head.startswith(ARCHIVES),
     _read,
     write=_write,
     make=_make,

@@ -6,7 +6,6 @@ Unity's left-handed one.
 """
 
 from hhsim.motion.csv_file import CSV_SUFFIX
-from hhsim.motion.csv_table import read_table
 from hhsim.recordings.joint_arrays import joint_columns, joints_of_table, located
 from hhsim.recordings.joint_names import joint_name
 from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
@@ -16,8 +15,8 @@ FEWEST = 4
 
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
-    table = read_table(content.text)
-    return joints_of_table(table, {name: joint_name(name) for name in table.header}, options, may_be_mirrored=True)
+    names = {name: joint_name(name) for name in content.table.header}
+    return joints_of_table(content, content.table, names, options, may_be_mirrored=True)
 
 
 def _sniff(content: Content, options: ReadOptions) -> bool:

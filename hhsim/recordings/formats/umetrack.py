@@ -15,11 +15,10 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.quaternion import quaternion, rotation_matrix
-from hhsim.recordings.formats.mano import posed_tree
-from hhsim.recordings.json_document import SAME_MOMENT, keys_of, read_pose_lines
+from hhsim.recordings.content import Content, ReadOptions, keys_of
+from hhsim.recordings.formats.mano import SAME_MOMENT, posed_tree, read_pose_lines
 from hhsim.recordings.object_poses import ObjectPoses, stamped_poses
-from hhsim.recordings.recording import Finding, note
-from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 
 ANGLES = 20
 PROFILE = "*user_profile.json"
@@ -31,7 +30,7 @@ OBJECTS = "dynamic_objects.csv"
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one in more lines; raises TrajectoryError."""
-    poses = read_pose_lines(content.document, "joint_angles", options.hand)
+    poses = read_pose_lines(content, "joint_angles", options.hand)
     if poses.numbers.shape[1] < ANGLES:
         raise TrajectoryError(f"{poses.numbers.shape[1]} joint angles of the {poses.hand} hand; expected {ANGLES}")
     path, chosen = options.profile, ""
@@ -42,22 +41,19 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
             raise TrajectoryError(f"UmeTrack poses need the profile of the hand, and there is {found}: say --profile")
         path, chosen = beside[0], ", which lies beside"
     local = _hand_points(path, poses.numbers[:, :ANGLES]) * ([-1.0, 1.0, 1.0] if poses.hand == "right" else 1.0)
-    findings, up = poses.findings, options.world_up
+    up = options.world_up
     if up is None:
-        findings.append(note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up"))
+        content.note("the file does not say which axis is up: y, as on Quest; on Aria it is z: --world-up")
         up = "y"
-    moved = _object_beside(content.original, poses.stamps, options, findings)
+    moved = _object_beside(content, poses.fields["time"], options)
     return JointPositions(
         position=local @ np.swapaxes(rotation_matrix(poses.orientation), 1, 2) + poses.translation[:, None],
         what=f"{ANGLES} angles of the {poses.hand} hand, sizes from {path.name}{chosen}",
-        time=poses.stamps,
-        time_unit="ns",
         hand=poses.hand,
         unit=1.0,
         up=up,
         object_poses=moved,
-        findings=findings,
-        rows=poses.rows,
+        **poses.fields,
     )
 
 
@@ -86,25 +82,25 @@ def _hand_points(path: Path, angles: FloatArray) -> FloatArray:
     return np.concatenate([wrist, fingers.reshape(-1, 20, 3)], axis=1)
 
 
-def _object_beside(
-    recording: Path | None, stamps: FloatArray, options: ReadOptions, findings: list[Finding]
-) -> ObjectPoses | None:
+def _object_beside(content: Content, stamps: FloatArray, options: ReadOptions) -> ObjectPoses | None:
     """Read the poses of an object at the stamps [ns], shape (T,), from the table beside a recording.
 
     Of several objects without one of the options there are none, which is told. Raises InputError for no such table.
     """
-    path = None if recording is None else recording.parent / OBJECTS
+    path = None if content.original is None else content.original.parent / OBJECTS
     if path is None or not path.is_file():
         if options.object_track is not None:
             raise InputError(f"--object-track {options.object_track}: there is no {OBJECTS} beside the recording")
         return None
     try:
         with named(path):
-            poses, moments = stamped_poses(path, options, findings)
+            table = Content(path, what="poses of an object")
+            poses, moments = stamped_poses(table, options)
+        content.tell(*table.told())
     except TrajectoryError as error:
         if options.object_track is not None:
             raise
-        findings.append(note(str(error)))
+        content.note(str(error))
         return None
     if moments is None:
         raise TrajectoryError(f"{OBJECTS} beside the recording has no column of stamps")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from hhsim.errors import TrajectoryError
+from hhsim.recordings.content import Content, ReadOptions, number
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_arrays import frames_in, joints_of_frames, listed_joints
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS
-from hhsim.recordings.json_document import number
-from hhsim.recordings.registry import Content, JointPositions, ReadOptions, RecordingFormat
+from hhsim.recordings.registry import JointPositions, RecordingFormat
 
 NAMED = re.compile(r"(thumb|index|middle)[-_ ]?(finger)?[-_ ]?(phalanx)?[-_ ]?(tip|metacarpal|proximal)", re.IGNORECASE)
 IWER_HAND = 8

@@ -216,7 +216,7 @@ def test_each_hand_of_two_arrays_is_read_by_its_side() -> None:
 def test_of_two_models_each_hand_takes_its_own(tmp_path: Path) -> None:
     path, options = laid_out(CASES["mano, lines, left"], tmp_path)
     assert "model model_left.npz" in words(read_recording(path, options))
-    content = Content.of_recording(path)
+    content = Content(path)
     mano = format_of(content, options).mano
     assert mano is not None
     model, *parameters = mano(content, options)

@@ -19,7 +19,7 @@ from pose_samples import lerobot_bytes, mano_poses, umetrack_lines, umetrack_pro
 from recorded_files import ARCTIC, COUNT, angles_npz, aria, columns_csv, egodex, npy_dictionary
 from recording_samples import read_as, smooth_recording
 
-from hhsim.errors import HhsimError, InputError, TrajectoryError
+from hhsim.errors import DamagedFileError, HhsimError, InputError, TrajectoryError
 from hhsim.motion.csv_file import ABDUCTION_COLUMNS, FLEXION_COLUMNS
 from hhsim.recordings.column_map import ColumnMap, read_column_map
 from hhsim.recordings.dexmo_regression import CHANNELS
@@ -255,7 +255,7 @@ def test_what_is_no_recording_is_refused(
 
 @pytest.mark.parametrize("packed", ["w", "!!!!", "BYUw", "QAA="])
 def test_what_is_no_packed_text_is_refused(packed: str) -> None:
-    with pytest.raises(TrajectoryError, match="damaged LZ-string text"):
+    with pytest.raises(DamagedFileError, match="damaged LZ-string text"):
         unpack(packed)
 
 

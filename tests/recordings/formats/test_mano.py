@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_samples import joint_sample
+from joint_samples import arrays_npz, joint_sample
 from pose_samples import mano_fields
 from scipy.sparse import csc_matrix
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, corrected_arrays, poses_of, read_mano_model
-from hhsim.recordings.registry import Changes, ReadOptions
+from hhsim.recordings.registry import Changes, Content, ReadOptions
 
 
 def any_fields() -> dict[str, Any]:
@@ -71,12 +71,12 @@ def test_a_wrist_that_moves_needs_a_translation(tmp_path: Path) -> None:
     options = ReadOptions(mano_model=tmp_path / "model.npz", mano_pose="axis-angle")
     row, still = np.zeros(1, np.int64), np.zeros((1, 3))
     turn = np.tile(np.eye(3), (1, 16, 1, 1))
-    made = Changes(row, row, np.full((1, 21, 3), 1e-3), turn, still, still, np.zeros((1, 20)), 6)
+    made = Changes(row, np.full((1, 21, 3), 1e-3), turn, still, still, np.zeros((1, 20)), 6)
 
     def corrected(made: Changes, **more: Any) -> dict[str, Any]:
-        arrays = {"poses": np.zeros((2, 48)), **more}
+        content = Content(data=arrays_npz(poses=np.zeros((2, 48)), **more))
         names = {"pose": "poses"} | ({"translation": "trans"} if more else {})
-        return corrected_arrays(arrays, poses_of(arrays, names, "right", []), made, options)
+        return corrected_arrays(content.arrays, poses_of(content, names, "right"), made, options)
 
     with pytest.raises(InputError, match="the file holds no translation: expected an array trans"):
         corrected(made)
