@@ -5,6 +5,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
+
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.trajectory import Trajectory
@@ -36,7 +38,7 @@ def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
 def shortened(script: Script, duration: float) -> Script:
     """A script whose phases all take the same share less, so that it lasts so long [s]."""
     share = duration / script.duration
-    return replace(script, phases=tuple(replace(phase, duration=share * phase.duration) for phase in script.phases))
+    return replace(script, phases=tuple(structs.replace(one, duration=share * one.duration) for one in script.phases))
 
 
 def hurried(motion: str, duration: float) -> Script:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
@@ -56,23 +56,41 @@ MAX_SAMPLES = 10_000_000
 """More samples are a typing error: about three hours at 1 kHz."""
 
 
-@dataclass(frozen=True)
-class ScriptPhase:
-    """One phase of a script; docs/toml.md explains the fields.
+Number = Annotated[float, between(-10.0, 10.0)]
+Three = tuple[Number, Number, Number]
+OfFingers = tuple[Number, Number, Number, Number, Number]
 
-    A closing phase has `fingers`; a hold has `touch`, the touches demanded at its end, None where they are left open.
-    `hand` is the one that does it, None for both.
+
+class ScriptPhase(Settings, frozen=True):
+    """One phase of a script; docs/toml.md explains the keys, None where one is not given.
+
+    A closing phase has `fingers`, in their order; a hold has `touch`, the touches demanded at its end, None where they
+    are left open. `hand` is the one that does it, None for both.
     """
 
-    name: str
-    duration: float
-    fingers: tuple[str, ...] = ()
-    distance: float = 0.0
-    turn: float = 0.0
-    cycles: float = 4.0
-    touch: tuple[Touch, ...] | None = None
-    hand: Side | None = field(default=None, repr=False)
-    way: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), repr=False)
+    name: Annotated[str, one_of(PHASE_NAMES)]
+    duration: Annotated[float, between(0.001, 3600.0, "s")]
+    fingers: Annotated[tuple[Annotated[str, one_of(FINGERS)], ...], a_list('["thumb", "index"]')] = ()
+    distance: float | None = None
+    turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
+    cycles: Annotated[float, between(0.5, 1000.0)] | None = None
+    touch: TouchTable | None = None
+    hand: Side | None = None
+    way: Three | None = None
+
+    def check(self) -> None:
+        """Check that its keys are those of such a phase, and put its fingers in order, the usual ones if none."""
+        for key, names in KEYS_OF_PHASES.items():
+            if getattr(self, key) not in (None, ()) and self.name not in names:
+                raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
+        needed = {"turn": "turn", "move": "way"}.get(self.name, "distance" if self.name in DISTANCES else "")
+        if needed and getattr(self, needed) is None:
+            raise InputError(f"{needed} is missing; a {self.name} needs it")
+        low, high = DISTANCES.get(self.name, (0.0, 0.0))
+        if self.distance is not None and not low <= self.distance <= high:
+            raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
+        closing = self.fingers or DEFAULT_FINGERS.get(self.name, ())
+        structs.force_setattr(self, "fingers", tuple(finger for finger in FINGERS if finger in closing))
 
 
 class PaperUse(Settings, frozen=True):
@@ -114,11 +132,6 @@ class Placement:
         rotation = matmul(image, rotation_matrix(self.orientation)) * [-1.0, 1.0, 1.0]
         places: dict[str, Any] = {name: matmul(image, getattr(self, name)) for name in ("position", "back", "slide")}
         return replace(self, orientation=quaternion_from_matrix(rotation), **places)
-
-
-Number = Annotated[float, between(-10.0, 10.0)]
-Three = tuple[Number, Number, Number]
-OfFingers = tuple[Number, Number, Number, Number, Number]
 
 
 class PlacementTable(Settings, frozen=True):
@@ -173,10 +186,9 @@ class Script:
     objects: tuple[str, ...] = ()
     placements: tuple[Placement, ...] = ()
     paper: tuple[PaperUse, ...] = ()
-    # Not in the text that names a kept closure: the search does not depend on it.
-    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = field(default=(), repr=False)
-    placements_of_two: tuple[Placement, ...] = field(default=(), repr=False)
-    show: str = field(default="", repr=False)
+    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = ()
+    placements_of_two: tuple[Placement, ...] = ()
+    show: str = ""
 
     @property
     def duration(self) -> float:
@@ -204,7 +216,7 @@ class Script:
 
     def way(self, name: str) -> float:
         """Return the sum of the distances [m] of the phases of a name."""
-        return math.fsum(phase.distance for phase in self.phases if phase.name == name)
+        return math.fsum(phase.distance or 0.0 for phase in self.phases if phase.name == name)
 
     @property
     def moves_object(self) -> bool:
@@ -224,7 +236,7 @@ class Script:
         usual: tuple[Touch, ...] = ()
         for phase in self.phases:
             if phase.name == "hold":
-                found.append(usual if phase.touch is None else phase.touch)
+                found.append(usual if phase.touch is None else touches_of(phase.touch))
             elif phase.name in DEFAULT_FINGERS:
                 parts = [*phase.fingers, *([PALM] if self.palm_depth > 0.0 else [])] if self.contact else []
                 usual = tuple(Touch(part) for part in parts)
@@ -248,37 +260,6 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
     return script
 
 
-class _PhaseTable(Settings, frozen=True):
-    name: Annotated[str, one_of(PHASE_NAMES)]
-    duration: Annotated[float, between(0.001, 3600.0, "s")]
-    fingers: Annotated[tuple[Annotated[str, one_of(FINGERS)], ...], a_list('["thumb", "index"]')] | None = None
-    distance: float | None = None
-    turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
-    cycles: Annotated[float, between(0.5, 1000.0)] | None = None
-    touch: TouchTable | None = None
-    hand: Side | None = None
-    way: Three | None = None
-
-    def check(self) -> None:
-        for key, names in KEYS_OF_PHASES.items():
-            if getattr(self, key) is not None and self.name not in names:
-                raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
-        needed = {"turn": "turn", "move": "way"}.get(self.name, "distance" if self.name in DISTANCES else "")
-        if needed and getattr(self, needed) is None:
-            raise InputError(f"{needed} is missing; a {self.name} needs it")
-        low, high = DISTANCES.get(self.name, (0.0, 0.0))
-        if self.distance is not None and not low <= self.distance <= high:
-            raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
-
-    def phase(self) -> ScriptPhase:
-        closing = self.fingers or DEFAULT_FINGERS.get(self.name, ())
-        keys = ("distance", "turn", "cycles", "hand", "way")
-        given: dict[str, Any] = {key: value for key in keys if (value := getattr(self, key)) is not None}
-        touch = None if self.touch is None else touches_of(self.touch)
-        fingers = tuple(finger for finger in FINGERS if finger in closing)
-        return ScriptPhase(self.name, self.duration, fingers, touch=touch, **given)
-
-
 class ScriptTable(Settings, frozen=True, kw_only=True):
     """TOML document of a script; docs/toml.md explains the keys."""
 
@@ -294,7 +275,7 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
     curl: Annotated[float, between(0.0, 10.0)] = Script.curl
     objects: tuple[str, ...] = ()
     show: str = ""
-    phase: Annotated[tuple[_PhaseTable, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
+    phase: Annotated[tuple[ScriptPhase, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
     placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
     paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
     tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
@@ -335,7 +316,7 @@ class ScriptTable(Settings, frozen=True, kw_only=True):
         as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
         return Script(
             name,
-            tuple(phase.phase() for phase in self.phase),
+            self.phase,
             disturbance=self.disturbance(),
             placements=tuple(place.placement() for place in self.placement if place.hands == "one"),
             placements_of_two=tuple(place.placement() for place in self.placement if place.hands == "both"),

@@ -162,9 +162,8 @@ def test_the_plan_moves_with_the_object() -> None:
 
 
 def test_what_no_finger_can_reach_is_refused() -> None:
-    straight = Script(
-        name="stiff", phases=(ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))), palm_gap=0.3
-    )
+    phases = ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))
+    straight = Script(name="stiff", phases=phases, palm_gap=0.3)
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
         plan_finger_closure(straight, RIGHT, ball(0.01))
 

@@ -110,7 +110,9 @@ def test_any_rate_and_any_order_of_closings() -> None:
 def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_them() -> None:
     script = load_script("carry")
     (carry,) = (phase for phase in script.phases if phase.name == "carry")
-    still = replace(script, phases=tuple(replace(p, name="hold") if p is carry else p for p in script.phases))
+    assert carry.distance and carry.turn
+    hold = ScriptPhase("hold", carry.duration)
+    still = replace(script, phases=tuple(hold if p is carry else p for p in script.phases))
     motion, held = synthesize(script, HAND, ball(0.035)), synthesize(still, HAND, ball(0.035))
     assert motion.object_motion is not None and held.object_motion is None
     way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
