@@ -116,6 +116,11 @@ class ObjectMotion(NamedTuple):
     position: FloatArray
     orientation: FloatArray
 
+    @property
+    def frame(self) -> "RigidMotion":
+        """Motion from the frame to the world, at each pose."""
+        return RigidMotion(self.orientation, self.position)
+
     def at(self, index: int | slice | IntArray) -> Self:
         """Return the poses of an index or a slice."""
         return type(self)(self.position[index], self.orientation[index])

@@ -91,7 +91,7 @@ class DeclaredBodies:
         """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
         held = [(self.meshes[body.name], self.begin[body.name]) for body in self.object_bodies]
         if len(held) > 1:
-            return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
+            return placed_mesh([mesh for mesh, _ in held], [pose.frame for _, pose in held], self.name)
         ((mesh, pose),) = held
         return replace(mesh if _is_still(pose) else mesh.transformed(*_place(pose)), name=self.name)
 
@@ -104,8 +104,7 @@ class DeclaredBodies:
             ((tree, pose),) = held
             tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
             return replace(tree, options={**tree.options, **about})
-        moved = [_frame(pose) for _, pose in held]
-        return joined_tree([tree for tree, _ in held], moved, self.name, self.mesh)
+        return joined_tree([tree for tree, _ in held], [pose.frame for _, pose in held], self.name, self.mesh)
 
     def with_trees(self, make: Callable[[Mesh], SphereTree]) -> "DeclaredBodies":
         """Return the bodies with their sphere trees, those of equal meshes made once."""
@@ -240,10 +239,6 @@ def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name:
     covers = {"cover": "outer"} if all(tree.options.get("cover") == "outer" for tree in trees) else {}
     joined = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
     return replace(joined, mesh_sha256=mesh.sha256, options={OF_BODIES: name, **covers})
-
-
-def _frame(pose: ObjectMotion) -> RigidMotion:
-    return RigidMotion(pose.orientation, pose.position)
 
 
 def _place(pose: ObjectMotion) -> tuple[FloatArray, FloatArray]:

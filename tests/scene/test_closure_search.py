@@ -240,5 +240,5 @@ def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     unknown = {name for name in needed if not name.startswith(by_content) and not name.endswith("__init__.py")}
     # Not what is searched for, but what a script says of its end and of joints, and how closures are kept and told.
     other = {"arrays.py", "errors.py", "ranges.py", "scene/contact_goals.py"}
-    other |= {"scene/body.py"}
+    other |= {"scene/body.py", "linkage/linkage.py"}
     assert unknown - {*closure_search._SOURCES} == other
