@@ -218,7 +218,13 @@ class ResultWriter:
         if schema.CONTACT in self._tables:
             names = json.dumps(contact_names(list(hands), list(bodies)), ensure_ascii=False)
             self._file[schema.CONTACT].attrs["names"] = names
-        self._write_phases(phases)
+        group = self._file.create_group("phase")
+        names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
+        _describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        for name in ("first_tick", "last_tick"):
+            dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
+            what = f"{name.split('_')[0]} tick of each phase, from 0"
+            _describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
         self._file.flush()
 
     def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
@@ -228,15 +234,6 @@ class ResultWriter:
             values = np.asarray(static[column.name], column.dtype)
             _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=values), column)
         return self._file[group]
-
-    def _write_phases(self, phases: Sequence[TickPhase]) -> None:
-        group = self._file.create_group("phase")
-        names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
-        _describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
-        for name in ("first_tick", "last_tick"):
-            dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
-            what = f"{name.split('_')[0]} tick of each phase, from 0"
-            _describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
