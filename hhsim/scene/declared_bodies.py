@@ -319,7 +319,7 @@ def linkage_bodies(
             raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
         own = {child: _settings(joint) for child, joint in linkage.joint_of.items() if joint.type != "free"}
         words = {linkage.joint_of[child].name: child for child in own} | {child: child for child in own}
-        named_by = [name for name, _ in getattr(motion, "joints", ())]
+        named_by = list(dict(getattr(motion, "joints", ())))
         if len(named_by) == len(own) == 1:
             words.setdefault(named_by[0], *own)
         # A joint that nothing moves stands by a motion of one value.
@@ -390,9 +390,7 @@ def _settings(joint: LinkJoint) -> Joint:
 
 def _require_no_joints(motion: object, word: str) -> None:
     """Raise InputError for a script that moves joints, on an object that has none."""
-    joints: Sequence[tuple[str, Sequence[Keyframe]]] = getattr(motion, "joints", ())
-    if joints:
-        names = ", ".join(name for name, _ in joints)
+    if names := ", ".join(dict(getattr(motion, "joints", ()))):
         raise InputError(f"{getattr(motion, 'name', 'the motion')} moves the joint {names}; {word} has none")
 
 

@@ -166,29 +166,73 @@ class PlacementTable(Settings, frozen=True):
         return Placement(self.object, **given)
 
 
-@dataclass(frozen=True)
-class Script:
-    """A checked script; docs/toml.md explains the fields."""
+class ScriptTable(Settings, frozen=True, kw_only=True, rename={"phases": "phase", "joints": "joint"}):
+    """TOML document of a script; docs/toml.md explains the keys."""
 
-    name: str
-    phases: tuple[ScriptPhase, ...]
     title: str = ""
     stresses: str = ""
-    rate: float = 1000.0
+    rate: Annotated[float, between(1.0, 1e5, "Hz")] = 1000.0
     contact: bool = True
-    depth: float = 0.015
-    clearance: float = 0.005
-    palm_gap: float = 0.005
-    palm_depth: float = 0.0
-    start_distance: float = 0.12
-    curl: float = 1.0
-    disturbance: Disturbance = field(default_factory=Disturbance)
+    depth: Annotated[float, between(0.0, 0.1, "m")] = 0.015
+    clearance: Annotated[float, between(0.0, 0.5, "m")] = 0.005
+    palm_gap: Annotated[float, between(0.0, 0.5, "m")] = 0.005
+    palm_depth: Annotated[float, between(0.0, 0.1, "m")] = 0.0
+    start_distance: Annotated[float, between(0.001, 1.0, "m")] = 0.12
+    curl: Annotated[float, between(0.0, 10.0)] = 1.0
     objects: tuple[str, ...] = ()
-    placements: tuple[Placement, ...] = ()
-    paper: tuple[PaperUse, ...] = ()
-    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = ()
-    placements_of_two: tuple[Placement, ...] = ()
     show: str = ""
+    phases: Annotated[
+        tuple[ScriptPhase, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")
+    ]
+    placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
+    paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
+    tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
+    joints: dict[str, tuple[Keyframe, ...]] = msgspec.field(default_factory=dict)
+    sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
+
+    def check(self) -> None:
+        """Check that phases, placements and touches go together."""
+        check_known("object", self.objects, [*object_names(), *body_file_names()])
+        names = [phase.name for phase in self.phases]
+        if names[0] != "approach":
+            raise InputError(f"the first phase is '{names[0]}'; expected approach")
+        if self.contact and DEFAULT_FINGERS.keys().isdisjoint(names):
+            raise InputError(f"no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false")
+        for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
+            both = [name for name in names if name in others]
+            if one in names and both:
+                raise InputError(f"a {one} and a {both[0]}; expected one of them in a script")
+        if not self.contact and self.palm_depth > 0.0:
+            raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
+        if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
+            raise InputError("placement: slide belongs to a script with a slide")
+        if len({(place.object, place.hands) for place in self.placement}) < len(self.placement):
+            raise InputError("two placements on one object; expected one for each, and one of both hands")
+        touches = (touch for phase in self.phases for touch in touches_of(phase.touch or {}))
+        named = {touch.region for touch in touches if touch.region != ANYWHERE}
+        if named and not self.objects:
+            raise InputError(f"{min(named)} is a part of some objects; expected objects = …, those that have it")
+        _ = self.disturbance  # which its values are checked by
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """Tremor and sensor noise."""
+        tables = {"tremor": self.tremor, "sensor": self.sensor}
+        return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
+
+
+class Script(ScriptTable, frozen=True, kw_only=True, eq=False):
+    """A script under its name, with its places on objects: those of one hand, and of the right one of two.
+
+    It equals itself alone, so that it can be a key.
+    """
+
+    name: str
+    placements: tuple[Placement, ...] = ()
+    placements_of_two: tuple[Placement, ...] = ()
+
+    def check(self) -> None:
+        """Check nothing: its table was checked, and a program may play other phases."""
 
     @property
     def duration(self) -> float:
@@ -203,12 +247,12 @@ class Script:
     def shaken(self, tremor_mm_deg: Sequence[float]) -> "Script":
         """Return the script with tremor of the palm's position [mm] and rotation [°], as `hhsim replay` takes it."""
         position, rotation = tremor_mm_deg
-        shaken = replace(self.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
-        return replace(self, disturbance=shaken)
+        shaken = {**self.tremor, "position": 1e-3 * position, "rotation": math.radians(rotation)}
+        return structs.replace(self, tremor=shaken)
 
     def of_two(self) -> "Script":
         """Return the script as two hands do it: their places come before those of one hand."""
-        return replace(self, placements=(*self.placements_of_two, *self.placements))
+        return structs.replace(self, placements=(*self.placements_of_two, *self.placements))
 
     def has(self, *names: str) -> bool:
         """Return True if any phase has one of these names."""
@@ -250,7 +294,10 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
 
     Raises TrajectoryError for no TOML, an unknown key, value or phase, or no placement on an object that it is for.
     """
-    script = parse_settings(text, ScriptTable, where, TrajectoryError).script(name)
+    table = parse_settings(text, ScriptTable, where, TrajectoryError)
+    one, both = (tuple(p.placement() for p in table.placement if p.hands == hands) for hands in ("one", "both"))
+    fields = {key: getattr(table, key) for key in table.__struct_fields__}
+    script = Script(name=name, placements=one, placements_of_two=both, **fields)
     placed = {placement.object_name for placement in script.placements}
     missing = [name for name in script.objects if name not in placed]
     if missing:
@@ -258,68 +305,3 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
     if script.sample_count > MAX_SAMPLES:
         raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
     return script
-
-
-class ScriptTable(Settings, frozen=True, kw_only=True):
-    """TOML document of a script; docs/toml.md explains the keys."""
-
-    title: str = ""
-    stresses: str = ""
-    rate: Annotated[float, between(1.0, 1e5, "Hz")] = Script.rate
-    contact: bool = True
-    depth: Annotated[float, between(0.0, 0.1, "m")] = Script.depth
-    clearance: Annotated[float, between(0.0, 0.5, "m")] = Script.clearance
-    palm_gap: Annotated[float, between(0.0, 0.5, "m")] = Script.palm_gap
-    palm_depth: Annotated[float, between(0.0, 0.1, "m")] = Script.palm_depth
-    start_distance: Annotated[float, between(0.001, 1.0, "m")] = Script.start_distance
-    curl: Annotated[float, between(0.0, 10.0)] = Script.curl
-    objects: tuple[str, ...] = ()
-    show: str = ""
-    phase: Annotated[tuple[ScriptPhase, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
-    placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
-    paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
-    tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
-    joint: dict[str, tuple[Keyframe, ...]] = msgspec.field(default_factory=dict)
-    sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
-
-    def check(self) -> None:
-        """Check that phases, placements and touches go together."""
-        check_known("object", self.objects, [*object_names(), *body_file_names()])
-        names = [phase.name for phase in self.phase]
-        if names[0] != "approach":
-            raise InputError(f"the first phase is '{names[0]}'; expected approach")
-        if self.contact and DEFAULT_FINGERS.keys().isdisjoint(names):
-            raise InputError(f"no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false")
-        for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
-            both = [name for name in names if name in others]
-            if one in names and both:
-                raise InputError(f"a {one} and a {both[0]}; expected one of them in a script")
-        if not self.contact and self.palm_depth > 0.0:
-            raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
-        if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
-            raise InputError("placement: slide belongs to a script with a slide")
-        if len({(place.object, place.hands) for place in self.placement}) < len(self.placement):
-            raise InputError("two placements on one object; expected one for each, and one of both hands")
-        touches = (touch for phase in self.phase for touch in touches_of(phase.touch or {}))
-        named = {touch.region for touch in touches if touch.region != ANYWHERE}
-        if named and not self.objects:
-            raise InputError(f"{min(named)} is a part of some objects; expected objects = …, those that have it")
-        self.disturbance()
-
-    def disturbance(self) -> Disturbance:
-        """Return the tremor and the sensor noise."""
-        tables = {"tremor": self.tremor, "sensor": self.sensor}
-        return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
-
-    def script(self, name: str) -> Script:
-        """Return the script under a name."""
-        as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
-        return Script(
-            name,
-            self.phase,
-            disturbance=self.disturbance(),
-            placements=tuple(place.placement() for place in self.placement if place.hands == "one"),
-            placements_of_two=tuple(place.placement() for place in self.placement if place.hands == "both"),
-            joints=tuple(self.joint.items()),
-            **as_they_are,
-        )

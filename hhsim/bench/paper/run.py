@@ -133,7 +133,7 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
         durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
         shorter = zip(script.phases, durations)
         phases = tuple(structs.replace(phase, duration=time) for phase, time in shorter if time > 0.0)
-        script = replace(script, phases=phases, start_distance=SHORT_WAY)
+        script = structs.replace(script, phases=phases, start_distance=SHORT_WAY)
         places = _places(scenario, script, hand, tree, seed)
         count = min(instances, scenario.instances)
         motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
