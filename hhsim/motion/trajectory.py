@@ -206,6 +206,11 @@ class TickPhase(NamedTuple):
     first_tick: int
     last_tick: int
 
+    def timed(self, time: FloatArray) -> Phase:
+        """Return the phase by the ticks' stamps [s], up to where the next one begins, the last one to the last tick."""
+        end = min(self.last_tick + 1, len(time) - 1)
+        return Phase(self.name, float(time[self.first_tick]), float(time[end]))
+
 
 def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
     """Return the names of phases as the end of a repr; "" for none."""
