@@ -412,11 +412,7 @@ def score(
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
         # Of what is free poses are sent: nothing else in the file says where it goes.
         said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
-        solver = SceneSolver(shown, options)
-        run = Replay(solver, {"submission": said})
-        with run.writer(output_path, command) as writer:
-            run.go(progress)
-            summaries = run.finish()
+        summaries = Replay(SceneSolver(shown, options), {"submission": said}).into(output_path, command, progress)
         progress("the best poses", 0, 1)
         hands = dict[str, HandScore]()
         for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
@@ -434,7 +430,7 @@ def score(
     bodies = {BODY_DEPTH: body_depth(scene, shown)} if several else {}
     known = {side: _finite(of.errors) for side, of in hands.items()}
     of_hands = known if len(hands) > 1 else next(iter(known.values()))
-    add_document(writer.path, "score", of_hands | _finite(bodies))
+    add_document(output_path, "score", of_hands | _finite(bodies))
     return Score(hands, bodies, doubts, digest)
 
 

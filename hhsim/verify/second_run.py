@@ -99,11 +99,7 @@ def _run_again(result: Result, first: Result, report: Progress, trust: bool) -> 
     scene, note = _scene(list(result.hands.values()), options, report)
     with TemporaryDirectory(prefix="hhsim-") as folder:
         path = Path(folder) / "again.h5"
-        solver = SceneSolver(scene, options)
-        run = Replay(solver)
-        with run.writer(path, ()):
-            run.go(report)
-            run.finish()
+        Replay(SceneSolver(scene, options)).into(path, progress=report)
         with open_hdf5(first.path) as stored, open_hdf5(path) as made:
             return [*_compared(first, stored, made)], note
 
