@@ -11,7 +11,7 @@ from hhsim import __version__
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.replay.stored_scene import require_whole, result_scene, stored_options
+from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.replay.tick_rows import HandRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
@@ -171,10 +171,8 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
     the run's, for a result without ticks, and for such a method without `trust`.
     """
     shown, hands = [result] if result.name else list(result.hands.values()), list(result.hands.values())
-    for hand in shown:
-        require_whole(hand)
-        if hand.ticks == 0:
-            raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
+    if result.ticks == 0:
+        raise InputError(f"{shown[0].label} holds no ticks: there is nothing to run again")
     options, report = stored_options(result, trust), progress or silent
     runnable = [_runnable(hand) for hand in hands]
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]
