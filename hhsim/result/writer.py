@@ -203,12 +203,13 @@ class ResultWriter:
         self._file[schema.BODIES].attrs["names"] = json.dumps(list(bodies), ensure_ascii=False)
         for path, table in self._tables.items():
             for column in table.columns:
+                is_text = column.dtype.startswith("S")
                 dataset = self._file.create_dataset(
                     f"{path}/{column.name}",
                     shape=(0, *column.shape),
                     maxshape=(None, *column.shape),
                     chunks=(CHUNK_TICKS, *column.shape),
-                    dtype=_stored_type(column),
+                    dtype=h5py.string_dtype("utf-8", int(column.dtype[1:])) if is_text else column.dtype,
                 )
                 _describe_dataset(dataset, column)
                 table.datasets[column.name] = dataset
@@ -311,12 +312,6 @@ class _Table:
     @property
     def row_bytes(self) -> int:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
-
-
-def _stored_type(column: schema.Column) -> Any:
-    if column.dtype.startswith("S"):
-        return h5py.string_dtype("utf-8", int(column.dtype[1:]))
-    return column.dtype
 
 
 def _describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:
