@@ -1,9 +1,10 @@
 """A short grasp of a simple object that several test modules replay, so that it is written down once."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+from msgspec import structs
 
 from hhsim.hand.model import HandModel, Side
 from hhsim.mesh.catalogue import load_object
@@ -28,6 +29,7 @@ def short_grasp_text(hold: float = 0.05, release: float = 0.0) -> str:
     return 'title = "short"\npalm_gap = 0.005\ndepth = 0.015\n' + "".join(tables)
 
 
+@cache
 def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
     """The same, read."""
     return parse_script(short_grasp_text(hold, release), name="short", where="short")
@@ -36,12 +38,12 @@ def short_grasp(hold: float = 0.05, release: float = 0.0) -> Script:
 def shortened(script: Script, duration: float) -> Script:
     """A script whose phases all take the same share less, so that it lasts so long [s]."""
     share = duration / script.duration
-    return replace(script, phases=tuple(replace(phase, duration=share * phase.duration) for phase in script.phases))
+    return structs.replace(script, phases=tuple(structs.replace(p, duration=share * p.duration) for p in script.phases))
 
 
 def hurried(motion: str, duration: float) -> Script:
     """A script of the catalogue that lasts so long [s]; the other name says that it is not the catalogue's own."""
-    return replace(shortened(load_script(motion), duration), name="hurried")
+    return structs.replace(shortened(load_script(motion), duration), name="hurried")
 
 
 @cache

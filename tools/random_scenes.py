@@ -33,7 +33,6 @@ from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, Free, HalfSpace, J
 from hhsim.scene.scene import TABLE, Hand, Scene
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.system.progress import silent
 from hhsim.table.table import Column, Table, number, words
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -316,11 +315,7 @@ def draw(kind: str, seed: int, number_: int, ticks: int = SCENE_TICKS) -> Case:
 
 def played(case: Case, folder: Path) -> Path:
     """Replay a scene to a result file."""
-    solver = SceneSolver(case.scene, case.options)
-    run = Replay(solver)
-    with run.writer(folder / "scene.h5", ()):
-        run.go(silent)
-        run.finish()
+    Replay(SceneSolver(case.scene, case.options)).into(folder / "scene.h5")
     return folder / "scene.h5"
 
 

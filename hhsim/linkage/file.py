@@ -37,20 +37,16 @@ def read_linkage(path: Path) -> Robot:
 
     InputError names the file, the element, and what would be right.
     """
-    robot = _checked(path, True, True)
+    robot = read_robot(path, looks=True, of_scene=True)
     with named(path):
         return merged_linkage(robot)
 
 
-def read_robot(path: Path, looks: bool = False) -> Robot:
+def read_robot(path: Path, looks: bool = False, *, of_scene: bool = False) -> Robot:
     """Read every link of a URDF or MJCF file by its name, with what collides; errors as `read_linkage`.
 
-    With `looks`, a link in which nothing collides is as it looks.
+    With `looks`, a link in which nothing collides is as it looks; `of_scene` is as for `read_urdf`.
     """
-    return _checked(path, False, looks)
-
-
-def _checked(path: Path, of_scene: bool, looks: bool) -> Robot:
     with named(path):
         try:
             check_ordinary(path, MOST_BYTES)
@@ -70,7 +66,12 @@ def _read(path: Path, of_scene: bool, looks: bool, _changed: int) -> Robot:
     try:
         kind, size = read_in_child(lambda: _look(path), REFUSAL)
         if kind == "mujoco":
-            _require_mujoco()
+            if find_spec("mujoco") is None:
+                raise InputError("an MJCF is read by mujoco, which is not installed: pip install 'hhsim[mjcf]'")
+            try:
+                import_module("mujoco")
+            except ImportError as error:
+                raise InputError(f"mujoco cannot be loaded ({error}): pip install 'hhsim[mjcf]'") from None
         # Before the fork: what a child loads is lost with it.
         import_module("trimesh")
         sine_and_cosine(0.0)
@@ -113,15 +114,6 @@ def _look(path: Path) -> tuple[str, int]:
     if size > MOST_MESH_BYTES:
         raise InputError(f"{size:,} bytes with its meshes; expected {MOST_MESH_BYTES:,} at most")
     return root.tag, size
-
-
-def _require_mujoco() -> None:
-    if find_spec("mujoco") is None:
-        raise InputError("an MJCF is read by mujoco, which is not installed: pip install 'hhsim[mjcf]'")
-    try:
-        import_module("mujoco")
-    except ImportError as error:
-        raise InputError(f"mujoco cannot be loaded ({error}): pip install 'hhsim[mjcf]'") from None
 
 
 def resolve_object(

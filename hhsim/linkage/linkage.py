@@ -1,7 +1,7 @@
 """Rigid links on hinges and sliders: one description of what URDF and MJCF say, and the merging of fixed joints."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -265,25 +265,31 @@ def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
     corners = sum(len(vertices) for link in links for vertices, _ in link.shapes)
     if corners > MOST_CORNERS:
         raise InputError(f"its shapes have {corners:,} vertices; expected {MOST_CORNERS:,} at most")
-    known, bearers = {*names, ""}, dict[str, LinkJoint]()
+    known, bearers = {*names, ""}, dict[str, str]()
     for joint in joints:
         for role, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in known:
                 raise InputError(f"joint '{joint.name}': its {role} is '{link}', which is no link of the file")
         if joint.child in bearers:
-            both = f"'{bearers[joint.child].name}' and '{joint.name}'"
+            both = " and ".join(f"'{other.name}'" for other in joints if other.child == joint.child)
             raise InputError(f"link '{joint.child}' is the child of two joints, {both}; expected one")
-        bearers[joint.child] = joint
+        bearers[joint.child] = joint.parent
     for name in names:
-        chain = [name]
-        while chain[-1] in bearers:
-            chain.append(bearers[chain[-1]].parent)
-            if chain[-1] in chain[:-1]:
-                circle = " on ".join(chain[chain.index(chain[-1]) :])
-                raise InputError(f"joints in a circle: {circle}; expected one link that hangs on no other")
+        chain_of(name, bearers, "link")
     roots = [name for name in names if name not in bearers]
     if len(roots) > 1:
         raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
+
+
+def chain_of(name: str, bearers: Mapping[str, str], what: str) -> list[str]:
+    """Return a link, or another thing, `what`, and all that bear it, in order; InputError for joints in a circle."""
+    chain = [name]
+    while (bearer := bearers.get(chain[-1])) is not None:
+        if bearer in chain:
+            circle = " on ".join([*chain[chain.index(bearer) :], bearer])
+            raise InputError(f"joints in a circle: {circle}; expected one {what} that hangs on no other")
+        chain.append(bearer)
+    return chain
 
 
 def _one_link(name: str, group: Sequence[Link], places: Sequence[Frame]) -> Link:
@@ -349,13 +355,8 @@ def robot_of(
             if known[follows.leader] in chain:
                 raise InputError(f"joint '{joint.name}': it mimics itself; expected a joint that moves by itself")
             chain.append(known[follows.leader])
-    depth, above = dict[str, int](), {joint.child: joint.parent for joint in joints}
-    for link in links:
-        chain_up = [link.name]
-        while chain_up[-1] in above:
-            chain_up.append(above[chain_up[-1]])
-        depth[link.name] = len(chain_up)
-    order = sorted(links, key=lambda link: depth[link.name])
+    bearers = {joint.child: joint.parent for joint in joints}
+    order = sorted(links, key=lambda link: len(chain_of(link.name, bearers, "link")))
     if seen:
         notes = [*notes, f"{', '.join(seen)}: nothing there collides, so without spheres; --visual takes what is seen"]
     return Robot(name, tuple(order), tuple(joints), tuple(notes), **of_scene)

@@ -2,9 +2,8 @@
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -45,25 +44,17 @@ def read_urdf(root: Element, path: Path, of_scene: bool, looks: bool) -> Robot:
     shapes enclose them, joints may be of any type, and a mass that cannot be is left out, with a note: spheres need
     none. InputError names the element at fault and what would be right.
     """
-    meshes = _Meshes(path, 1.0 if of_scene else ENCLOSING, cache(read_triangles))
+    read = partial(_triangles, path=path, round_factor=1.0 if of_scene else ENCLOSING, read=cache(read_triangles))
     notes, elements = list[str](), root.findall("link")
     prefixes = {key.removeprefix("xmlns:") for key, value in root.attrib.items() if "xacro" in value} | {"xacro"}
     if any(element.tag.partition(":")[0] in prefixes for element in root.iter() if ":" in element.tag):
         raise InputError("it has macros of xacro; expected a URDF: xacro FILE > FILE.urdf")
-    links = [_link(element, meshes, looks, None if of_scene else notes) for element in elements]
+    links = [_link(element, read, looks, None if of_scene else notes) for element in elements]
     joints = [_joint(element, notes, of_scene) for element in root.findall("joint")]
     seen = [link.name for link, each in zip(links, elements) if not link.shapes and each.find("visual") is not None]
     children = {joint.child for joint in joints}
     on_world = any(link.name == WORLD for link in links if link.name not in children)
     return robot_of(root.get("name") or path.stem, links, joints, notes, seen, on_world=on_world)
-
-
-class _Meshes(NamedTuple):
-    """Triangles of a URDF's shapes: its file, a factor of the radii of round ones, and a reader of mesh files."""
-
-    path: Path
-    round_factor: float
-    read: Callable[[Path], Triangles]
 
 
 def mesh_file(name: str, path: Path) -> Path:
@@ -81,13 +72,13 @@ def mesh_file(name: str, path: Path) -> Path:
     return next((found for found in tries if found.is_file()), path.parent / plain)
 
 
-def _link(element: Element, meshes: _Meshes, looks: bool, notes: list[str] | None) -> Link:
+def _link(element: Element, read: Callable[[Element], Triangles], looks: bool, notes: list[str] | None) -> Link:
     """Return a link; one of a robot takes any mass, and `notes` say which is left out."""
     name = _name(element)
     with named(f"link '{name}'"):
         # What touches is what collides; a link that states no such shape is as it looks.
         shown = element.findall("collision") or (element.findall("visual") if looks else [])
-        shapes = tuple(_shape(each, meshes) for each in shown)
+        shapes = tuple(_shape(each, read) for each in shown)
         friction = element.find("contact/lateral_friction")
         value = None if friction is None else _numbers(friction, "value", 1)[0]
         if value is not None and not 0.0 <= value <= LARGEST:
@@ -110,26 +101,27 @@ def _link(element: Element, meshes: _Meshes, looks: bool, notes: list[str] | Non
         return Link(name, shapes, inertial, value, balls=round_)
 
 
-def _shape(element: Element, meshes: _Meshes) -> Triangles:
+def _shape(element: Element, read: Callable[[Element], Triangles]) -> Triangles:
     geometry = element.find("geometry")
     given = [] if geometry is None else list(geometry)
     if len(given) != 1:
         raise InputError(f"<{element.tag}> has {len(given)} shapes in its <geometry>; expected one")
     shape = given[0]
-    vertices, faces = _triangles(shape, meshes)
+    vertices, faces = read(shape)
     with named(f"<{shape.tag}>"):
         required_shape(vertices)
     return _origin(element).points(vertices), faces
 
 
-def _triangles(shape: Element, meshes: _Meshes) -> Triangles:
+def _triangles(shape: Element, path: Path, round_factor: float, read: Callable[[Path], Triangles]) -> Triangles:
+    """Return the triangles of a shape of a file; `read` reads those of a mesh file."""
     if shape.tag == "box":
         return box(_sizes(shape, "size", 3))
     if shape.tag == "sphere":
-        return ellipsoid(_sizes(shape, "radius", 1) * meshes.round_factor * np.ones(3))
+        return ellipsoid(_sizes(shape, "radius", 1) * round_factor * np.ones(3))
     if shape.tag in ("cylinder", "capsule"):
         radius, length = (float(_sizes(shape, key, 1)[0]) for key in ("radius", "length"))
-        return (cylinder if shape.tag == "cylinder" else capsule)(radius * meshes.round_factor, length)
+        return (cylinder if shape.tag == "cylinder" else capsule)(radius * round_factor, length)
     if shape.tag != "mesh":
         raise InputError(f"shape <{shape.tag}>; expected mesh, box, cylinder, sphere or capsule")
     file = shape.get("filename") or ""
@@ -138,11 +130,11 @@ def _triangles(shape: Element, meshes: _Meshes) -> Triangles:
     factors = _numbers(shape, "scale", None, "1 1 1")
     if len(factors) not in (1, 3) or not (np.abs(factors) > 0.0).all():
         raise InputError(f'<mesh scale="{shape.get("scale")}">; expected three numbers other than 0')
-    found = mesh_file(file, meshes.path)
+    found = mesh_file(file, path)
     if not found.is_file():
         more = " or in a folder above it" if file.startswith(ADDRESSES) else ""
-        raise InputError(f"mesh '{file}' is missing; expected it beside {meshes.path.name}{more}")
-    vertices, faces = meshes.read(found)
+        raise InputError(f"mesh '{file}' is missing; expected it beside {path.name}{more}")
+    vertices, faces = read(found)
     return vertices * factors, faces[:, ::-1] if np.prod(np.broadcast_to(factors, 3)) < 0.0 else faces
 
 

@@ -4,7 +4,7 @@ World right-handed, z up; quaternions (w, x, y, z); fingers thumb, index, middle
 distal. Positive flexion curls towards the palm, positive abduction turns a finger towards the thumb side.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple, Self, TypeVar, get_args
 
@@ -116,6 +116,11 @@ class ObjectMotion(NamedTuple):
     position: FloatArray
     orientation: FloatArray
 
+    @property
+    def frame(self) -> "RigidMotion":
+        """Motion from the frame to the world, at each pose."""
+        return RigidMotion(self.orientation, self.position)
+
     def at(self, index: int | slice | IntArray) -> Self:
         """Return the poses of an index or a slice."""
         return type(self)(self.position[index], self.orientation[index])
@@ -200,6 +205,11 @@ class TickPhase(NamedTuple):
     name: str
     first_tick: int
     last_tick: int
+
+    def timed(self, time: FloatArray) -> Phase:
+        """Return the phase by the ticks' stamps [s], up to where the next one begins, the last one to the last tick."""
+        end = min(self.last_tick + 1, len(time) - 1)
+        return Phase(self.name, float(time[self.first_tick]), float(time[end]))
 
 
 def phase_names(phases: Iterable[Phase | TickPhase]) -> str:
@@ -368,22 +378,18 @@ class Trajectory:
         stamps = self.time - self.time[0]
         ticks = resample.tick_times(self.duration, rate)
         newest = resample.newest_sample(stamps, ticks)
-        carrier = self.object_motion
-        if mode == "hold":
-            position, orientation = self.position[newest], self.orientation[newest]
-            flexion, abduction = self.flexion[newest], self.abduction[newest]
-            carrier = carrier and carrier.at(newest)
-        else:
-            position = resample.interpolate_monotone(stamps, self.position, ticks)
-            orientation = resample.interpolate_orientation(stamps, self.orientation, ticks)
-            flexion = resample.interpolate_monotone(stamps, self.flexion, ticks)
-            abduction = resample.interpolate_monotone(stamps, self.abduction, ticks)
-            carrier = carrier and ObjectMotion(
-                resample.interpolate_monotone(stamps, carrier.position, ticks),
-                resample.interpolate_orientation(stamps, carrier.orientation, ticks),
-            )
+
+        def at_ticks(values: FloatArray, way: Callable[..., FloatArray] = resample.interpolate_monotone) -> FloatArray:
+            return values[newest] if mode == "hold" else way(stamps, values, ticks)
+
+        palm = at_ticks(self.position), at_ticks(self.orientation, resample.interpolate_orientation)
+        carrier = self.object_motion and ObjectMotion(
+            at_ticks(self.object_motion.position),
+            at_ticks(self.object_motion.orientation, resample.interpolate_orientation),
+        )
         phases = _phase_ticks(self.phases, float(self.time[0]), ticks.shape[0], rate)
-        return TickInput(ticks, newest, position, orientation, flexion, abduction, phases, float(rate), carrier)
+        joints = at_ticks(self.flexion), at_ticks(self.abduction)
+        return TickInput(ticks, newest, *palm, *joints, phases, float(rate), carrier)
 
     def placed(self, object_position: ArrayLike, object_orientation: ArrayLike) -> Self:
         """Return it beside an object that stands still elsewhere: world, [m], shape (3,), (w, x, y, z), shape (4,)."""

@@ -11,7 +11,7 @@ from hhsim import __version__
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.replay.stored_scene import require_whole, result_scene, stored_options
+from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.replay.tick_rows import HandRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
@@ -29,8 +29,8 @@ COMPARED: tuple[schema.Column, ...] = tuple(
 )
 """Columns that a second run computes anew; all but the input and the timings."""
 ROUNDING = {
-    **dict.fromkeys(("m", "rad", "1"), 1e-12),
-    **dict.fromkeys(("N", "N·m", "N,N·m", "m/s", "rad/s"), 1e-9),
+    **dict.fromkeys(("m", "rad", "rad,m", "1"), 1e-12),
+    **dict.fromkeys(("N", "N·m", "N,N·m", "m/s", "rad/s", "s"), 1e-9),
     "%": 2e-5,
 }
 """Largest difference that counts as rounding, by unit; integers must be equal but for `COUNTERS`.
@@ -49,15 +49,15 @@ class ArrayComparison:
 
     Its name begins with `prefix`. `bound` is the largest difference that counts as rounding, in `units`: 0 for
     integers, infinite for counters of work. `ticks` is the number of rows that differ: ticks, or contacts of /contact;
-    `largest` the largest difference, NaN or infinite where one side alone is so; `first_tick` is the first that
-    differs, `first_beyond` the first beyond the bound, -1 if none.
+    `beyond` of those beyond the bound; `largest` the largest difference, NaN or infinite where one side alone is so;
+    `first_tick` is the first that differs, `first_beyond` the first beyond the bound, -1 if none.
     """
 
     def __init__(self, column: schema.Column, prefix: str = "") -> None:
         self.column, self.name, self.units = column, prefix + column.name, column.units
         exact = np.dtype(column.dtype).kind != "f"
         self.bound = np.inf if column.name.startswith(COUNTERS) else 0.0 if exact else ROUNDING[self.units]
-        self.ticks, self.largest = 0, 0.0
+        self.ticks, self.beyond, self.largest = 0, 0, 0.0
         self.first_tick = self.first_beyond = -1
         self._rows = 0
 
@@ -78,6 +78,7 @@ class ArrayComparison:
             self.largest = float(np.maximum(self.largest, apart.max()))
             # Written so that NaN is beyond; integers of more than 53 bits may differ though their floats do not.
             beyond = differ[~(apart <= self.bound) | (self.bound == 0.0)]
+            self.beyond += len(beyond)
             if self.first_beyond < 0 and beyond.size:
                 self.first_beyond = int(at[beyond[0]])
         self._rows += rows
@@ -170,10 +171,8 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
     the run's, for a result without ticks, and for such a method without `trust`.
     """
     shown, hands = [result] if result.name else list(result.hands.values()), list(result.hands.values())
-    for hand in shown:
-        require_whole(hand)
-        if hand.ticks == 0:
-            raise InputError(f"{hand.label} holds no ticks: there is nothing to run again")
+    if result.ticks == 0:
+        raise InputError(f"{shown[0].label} holds no ticks: there is nothing to run again")
     options, report = stored_options(result, trust), progress or silent
     runnable = [_runnable(hand) for hand in hands]
     total, notes = min(ticks for ticks, _ in runnable), [note for _, of in runnable for note in of]

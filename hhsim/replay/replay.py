@@ -62,8 +62,7 @@ class Replay:
 
     def __init__(self, solver: SceneSolver, description: Mapping[str, Any] | None = None) -> None:
         scene, described = solver.scene, dict(description or {})
-        self.solver, self.total = solver, scene.ticks.tick_count
-        self._together = solver.seen.free is not None
+        self.solver, self._together = solver, solver.seen.free is not None
         if len(scene.hands) > 1:
             described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
@@ -75,41 +74,33 @@ class Replay:
         self, path: Path, command: Sequence[str] = (), progress: Progress | None = None
     ) -> tuple[ReplaySummary, ...]:
         """Solve all ticks, write the file, and return the table of each hand."""
-        with self.writer(path, command):
-            self.go(progress or silent)
-            return self.finish()
-
-    def writer(self, path: Path, command: Sequence[str]) -> ResultWriter:
-        """Return the writer of the run's file, to be entered before the first tick; it measures the haptic hands."""
-        scene, seen, both = self.solver.scene, self.solver.seen, len(self.runs) > 1
+        scene, seen, both, report = self.solver.scene, self.solver.seen, len(self.runs) > 1, progress or silent
+        total = scene.ticks.tick_count
         haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
         self._haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
         frame = [
             replace(column, name=f"{schema.FRAME.partition('/')[2]}/{column.name}") for column in schema.POSE_COLUMNS
         ]
-        self._writer = ResultWriter(
+        with ResultWriter(
             path,
             hands={run.model.side: HandPart(run.described, hand_arrays(run.model)) for run in self.runs},
             bodies=self.bodies,
             columns=(*(schema.BETWEEN_COLUMNS if both else ()), *(frame if carried else ())),
             phases=scene.ticks.phases,
             command=command,
-        )
-        return self._writer
+        ) as writer:
+            with interruptible_between() as check_interrupt:
+                for first in range(0, total, CHUNK_TICKS):
+                    report("ticks", first, total)
+                    ticks = slice(first, min(first + CHUNK_TICKS, total))
+                    writer.append(self._rows(ticks, self.solver.run(ticks)))
+                    check_interrupt()
+                report("ticks", total, total)
+            return self._finish(writer)
 
-    def go(self, progress: Progress) -> None:
-        """Solve and write all ticks."""
-        with interruptible_between() as check_interrupt:
-            for first in range(0, self.total, CHUNK_TICKS):
-                progress("ticks", first, self.total)
-                ticks = slice(first, min(first + CHUNK_TICKS, self.total))
-                self._write(ticks, self.solver.run(ticks))
-                check_interrupt()
-            progress("ticks", self.total, self.total)
-
-    def _write(self, ticks: slice, records: Sequence[TickRecord]) -> None:
-        """Write the ticks that were solved last: what both hands say of bodies and contacts once."""
+    def _rows(self, ticks: slice, records: Sequence[TickRecord]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the ticks that were solved last: what both hands say of bodies and contacts once."""
         of_hands = [run.tables(ticks, record) for run, record in zip(self.runs, records)]
         tables: dict[str, dict[str, AnyArray]] = {}
         # Both hands have rows of the time, bodies and contacts; the first hand's are written, so they are merged last.
@@ -126,9 +117,9 @@ class Replay:
             tables[schema.TICK] |= {
                 column.name: values for column, values in zip(schema.BETWEEN_COLUMNS, between, strict=True)
             }
-        self._writer.append(tables)
+        return tables
 
-    def finish(self) -> tuple[ReplaySummary, ...]:
+    def _finish(self, writer: ResultWriter) -> tuple[ReplaySummary, ...]:
         """Compute the tables, write them, and complete the file."""
         summaries = {run.model.side: run.summary() for run in self.runs}
         of_hands = {side: summary.attributes() for side, summary in summaries.items()}
@@ -136,7 +127,7 @@ class Replay:
         own: dict[str, dict[str, float | int]] = {
             side: {name: value for name, value in of.items() if _is_of_hand(name)} for side, of in of_hands.items()
         }
-        path = self._writer.finish(own, shared)
+        path = writer.finish(own, shared)
         self.hands = tuple(replace(summary, path=path) for summary in summaries.values())
         return self.hands
 

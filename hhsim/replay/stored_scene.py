@@ -136,14 +136,6 @@ def part_words(part: str) -> str:
     )
 
 
-def require_whole(result: Result) -> None:
-    """Raise InputError if a body, its tree or the hand of a result is not the one of its run."""
-    stated = result.scene.get("checksums", {})
-    for part, digest in stored_checksums(result).items():
-        if digest != stated.get(part):
-            raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
-
-
 def result_scene(hands: Sequence[Result], most: int | None = None) -> Scene:
     """Make the scene that a result holds, with these of its hands and its first `most` ticks, by default all.
 
@@ -201,8 +193,11 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
 
 
 def stored_hand(result: Result) -> HandModel:
-    """Return the hand of a run; InputError if it is not the one of the run."""
-    require_whole(result)
+    """Return the hand of a run; InputError if it, or a body, or its tree, is not the one of the run."""
+    stated = result.scene.get("checksums", {})
+    for part, digest in stored_checksums(result).items():
+        if digest != stated.get(part):
+            raise InputError(f"{result.path} cannot be run again: {part_words(part)} in the file is another (checksum)")
     return result_hand(result)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from hhsim.errors import InputError, TrajectoryError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
-from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.trajectory import Trajectory
 from hhsim.result.reader import Result, load_hand
 from hhsim.result.schema import FORMAT, SUFFIXES
 from hhsim.system.hdf5_input import hdf5_format
@@ -47,19 +47,14 @@ def _replay(result: Result) -> Trajectory:
     time = result["time"]
     if len(time) == 0:
         raise TrajectoryError("a result without a tick: it holds no motion")
-    phases = []
     for name, first, last in result.phases:
         if not 0 <= first <= last:
             raise TrajectoryError(f"a damaged result: phase '{name}' goes from tick {first} to {last}")
-        end = min(last, len(time) - 1)
-        # A phase ends where the next begins, the last one with its last sample.
-        after = 1.0 / result.rate if end < len(time) - 1 else 0.0
-        phases.append(Phase(name, float(time[first]), float(time[end]) + after))
     haptic = HandConfiguration(*(result[f"haptic/{name}"] for name in HandConfiguration._fields))
     return Trajectory(
         time,
         *haptic,
-        phases=tuple(phases),
+        phases=tuple(phase.timed(time) for phase in result.phases),
         object_motion=result.body.poses() if result.frame else None,
         **_origin(result),
     )

@@ -594,20 +594,12 @@ def _check_dataset(group: Mapping[str, Any], column: schema.Column, shape: tuple
     dataset = group.get(column.name)
     if dataset is None:
         raise DamagedFileError(f"damaged or no result file: it lacks the dataset {column.name}")
-    if not fits(dataset.shape, shape):
-        raise DamagedFileError(f"damaged: {column.name} has shape {dataset.shape}, expected {spelled(shape)}")
+    fits = len(dataset.shape) == len(shape) and all(size in (-1, has) for has, size in zip(dataset.shape, shape))
+    if not fits:
+        expected = ", ".join("any" if size == -1 else str(size) for size in shape)
+        raise DamagedFileError(f"damaged: {column.name} has shape {dataset.shape}, expected ({expected})")
     if dataset.dtype.kind not in _STORED[np.dtype(column.dtype).kind]:
         raise DamagedFileError(f"damaged: {column.name} holds {dataset.dtype}, expected {column.dtype}")
-
-
-def fits(shape: tuple[int, ...], expected: tuple[int, ...]) -> bool:
-    """True if a shape is the expected one, in which -1 is any size."""
-    return len(shape) == len(expected) and all(want in (-1, have) for have, want in zip(shape, expected))
-
-
-def spelled(shape: tuple[int, ...]) -> str:
-    """Return a shape as messages show it."""
-    return f"({', '.join('any' if size == -1 else str(size) for size in shape)})"
 
 
 def _frozen(array: AnyArray) -> AnyArray:

@@ -25,7 +25,7 @@ from hhsim.errors import OutputError
 from hhsim.motion.trajectory import TickPhase
 from hhsim.result import schema
 from hhsim.result.body import Body, contact_names
-from hhsim.result.reader import CHUNK_TICKS, check_result_path, fits, spelled
+from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.system import environment as info
 from hhsim.system.atomic_write import partial_file
 from hhsim.system.checksummed_file import seal_file
@@ -142,24 +142,20 @@ class ResultWriter:
         Raises:
             OutputError: The disk is full or gone; the ticks before stay readable.
         """
-        blocks = {group: _checked(of, self._tables[group].columns, rows=True) for group, of in tables.items() if of}
-        counts = {_count(arrays) for group, arrays in blocks.items() if schema.TICK in group.split("/")}
-        if len(counts) > 1:
-            raise ValueError(f"tables of the ticks hold different numbers of them: {sorted(counts)}")
+        counts = {group: len(next(iter(arrays.values()))) for group, arrays in tables.items() if arrays}
         with _output_errors(self.path):
-            self._claim(sum(self._tables[group].growth(arrays) for group, arrays in blocks.items()) + _OVERHEAD)
-            for group, arrays in blocks.items():
+            self._claim(sum(self._tables[group].growth(count) for group, count in counts.items()) + _OVERHEAD)
+            for group, count in counts.items():
                 table = self._tables[group]
-                end = table.rows + _count(arrays)
-                for name, array in arrays.items():
+                for name, array in tables[group].items():
                     dataset = table.datasets[name]
-                    dataset.resize(end, axis=0)
-                    dataset[table.rows :] = array
+                    dataset.resize(table.rows + count, axis=0)
+                    dataset[table.rows :] = np.asarray(array, dataset.dtype)
             for group, values in (attributes or {}).items():
                 self._file[group].attrs.update(values)
             self._file.flush()
-        for group, arrays in blocks.items():
-            self._tables[group].rows += _count(arrays)
+        for group, count in counts.items():
+            self._tables[group].rows += count
 
     def finish(self, hands: Mapping[str, Mapping[str, Scalar]], shared: Mapping[str, Scalar] | None = None) -> Path:
         """Write figures of each hand by its name, and shared ones, mark the file complete, return its final path."""
@@ -184,14 +180,21 @@ class ResultWriter:
     def _write_header(
         self, hands: Mapping[str, HandPart], bodies: Mapping[str, Body], phases: Sequence[TickPhase]
     ) -> None:
-        common, own = _split_scenes({name: hand.scene for name, hand in hands.items()})
+        first = next(iter(hands.values())).scene
+        common = {
+            key: value
+            for key, value in first.items()
+            # Sizes are each hand's own.
+            if key != "hand" and all(key in hand.scene and hand.scene[key] == value for hand in hands.values())
+        }
         scene_json = json.dumps(common, sort_keys=True)
         self._claim(len(scene_json) + 2 * _OVERHEAD)
-        first = {"format": schema.FORMAT, "schema_version": schema.SCHEMA_VERSION, "complete": 0}
-        self._file.attrs.update({**first, **info.file_attributes(), "scene": scene_json})
+        about = {"format": schema.FORMAT, "schema_version": schema.SCHEMA_VERSION, "complete": 0}
+        self._file.attrs.update({**about, **info.file_attributes(), "scene": scene_json})
         for name, hand in hands.items():
             group = self._write_static(f"{schema.HANDS}/{name}", hand.static, schema.HAND_STATIC)
-            group.attrs["scene"] = json.dumps(own[name], sort_keys=True)
+            own = {key: value for key, value in hand.scene.items() if key not in common}
+            group.attrs["scene"] = json.dumps(own, sort_keys=True)
             self._file.create_group(f"{schema.SUMMARY}/{name}")
         for name, body in bodies.items():
             group = self._write_static(f"{schema.BODIES}/{name}", body.static, schema.BODY_STATIC)
@@ -200,12 +203,13 @@ class ResultWriter:
         self._file[schema.BODIES].attrs["names"] = json.dumps(list(bodies), ensure_ascii=False)
         for path, table in self._tables.items():
             for column in table.columns:
+                is_text = column.dtype.startswith("S")
                 dataset = self._file.create_dataset(
                     f"{path}/{column.name}",
                     shape=(0, *column.shape),
                     maxshape=(None, *column.shape),
                     chunks=(CHUNK_TICKS, *column.shape),
-                    dtype=_stored_type(column),
+                    dtype=h5py.string_dtype("utf-8", int(column.dtype[1:])) if is_text else column.dtype,
                 )
                 _describe_dataset(dataset, column)
                 table.datasets[column.name] = dataset
@@ -215,18 +219,6 @@ class ResultWriter:
         if schema.CONTACT in self._tables:
             names = json.dumps(contact_names(list(hands), list(bodies)), ensure_ascii=False)
             self._file[schema.CONTACT].attrs["names"] = names
-        self._write_phases(phases)
-        self._file.flush()
-
-    def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
-        """Write arrays that do not change with time, and return their group."""
-        arrays = _checked(static, columns)
-        self._claim(sum(array.nbytes for array in arrays.values()) + _OVERHEAD)
-        for column in columns:
-            _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=arrays[column.name]), column)
-        return self._file[group]
-
-    def _write_phases(self, phases: Sequence[TickPhase]) -> None:
         group = self._file.create_group("phase")
         names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
         _describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
@@ -234,6 +226,15 @@ class ResultWriter:
             dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
             what = f"{name.split('_')[0]} tick of each phase, from 0"
             _describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
+        self._file.flush()
+
+    def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
+        """Write arrays that do not change with time, and return their group."""
+        self._claim(sum(array.nbytes for array in static.values()) + _OVERHEAD)
+        for column in columns:
+            values = np.asarray(static[column.name], column.dtype)
+            _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=values), column)
+        return self._file[group]
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
@@ -260,18 +261,6 @@ class ResultWriter:
         return size
 
 
-def _split_scenes(scenes: Mapping[str, Mapping[str, Any]]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """Split the descriptions of hands in what they have in common and what is each one's; sizes always are."""
-    first = next(iter(scenes.values()))
-    common = {
-        key: value
-        for key, value in first.items()
-        if key != "hand" and all(key in scene and scene[key] == value for scene in scenes.values())
-    }
-    own = {name: {key: of for key, of in scene.items() if key not in common} for name, scene in scenes.items()}
-    return common, own
-
-
 def add_document(path: Path, name: str, document: Mapping[str, Any]) -> None:
     """Add a JSON document as an attribute (`repeated`, `score`) to a complete result, and seal it anew.
 
@@ -287,14 +276,14 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
 
     Vertices [m], world, have shape (T, V, 3), triangles (F, 3). OutputError leaves the file as it was.
     """
-    arrays = _checked({"vertices": vertices, "faces": faces}, schema.SKIN_COLUMNS)
     with _output_errors(path), partial_file(path) as partial:
         shutil.copyfile(path, partial)
         with _amended(partial) as file:
             (hand,) = file[schema.HANDS].values()
             hand.pop(schema.SKIN, None)
-            for column in schema.SKIN_COLUMNS:
-                _describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=arrays[column.name]), column)
+            for column, values in zip(schema.SKIN_COLUMNS, (vertices, faces), strict=True):
+                data = np.asarray(values, column.dtype)
+                _describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=data), column)
 
 
 @contextlib.contextmanager
@@ -315,46 +304,14 @@ class _Table:
     rows: int = 0
     datasets: dict[str, h5py.Dataset] = field(default_factory=dict)  # by the name of their column
 
-    def growth(self, arrays: Mapping[str, AnyArray]) -> int:
-        """Upper bound of the datasets' growth by these rows [bytes]."""
-        count = _count(arrays)
+    def growth(self, count: int) -> int:
+        """Upper bound of the datasets' growth by some rows [bytes]."""
         new_chunks = -(-(self.rows + count) // CHUNK_TICKS) - -(-self.rows // CHUNK_TICKS)
         return new_chunks * CHUNK_TICKS * self.row_bytes
 
     @property
     def row_bytes(self) -> int:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
-
-
-def _count(arrays: Mapping[str, AnyArray]) -> int:
-    return len(next(iter(arrays.values())))
-
-
-def _checked(
-    arrays: Mapping[str, AnyArray], columns: Sequence[schema.Column], *, rows: bool = False
-) -> dict[str, AnyArray]:
-    """Convert each column's array, or rows of it, to the file's type; raise ValueError for a caller's wrong arrays."""
-    names = {column.name for column in columns}
-    if arrays.keys() != names:
-        raise ValueError(
-            f"missing: {sorted(names - arrays.keys())}; not in the schema: {sorted(arrays.keys() - names)}"
-        )
-    checked = {}
-    for column in columns:
-        array = np.ascontiguousarray(arrays[column.name], dtype=_stored_type(column))
-        shape = (-1, *column.shape) if rows else column.shape
-        if not fits(array.shape, shape):
-            raise ValueError(f"{column.name} has shape {array.shape}, expected {spelled(shape)}")
-        checked[column.name] = array
-    if rows and len({len(array) for array in checked.values()}) != 1:
-        raise ValueError("a block's arrays hold different numbers of ticks")
-    return checked
-
-
-def _stored_type(column: schema.Column) -> Any:
-    if column.dtype.startswith("S"):
-        return h5py.string_dtype("utf-8", int(column.dtype[1:]))
-    return column.dtype
 
 
 def _describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:

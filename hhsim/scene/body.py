@@ -20,11 +20,12 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, check_known, named
 from hhsim.hand.model import SIDES
 from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matrix
+from hhsim.linkage.linkage import chain_of
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.motion.csv_table import read_table
 from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion, as_numbers
+from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.ranges import RANGES, check_range
 from hhsim.reproducible import norm, principal_axes
 from hhsim.system.input_file import read_input, read_input_text
@@ -304,8 +305,7 @@ def triple(values: ArrayLike) -> Triple:
 
 def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:
     """Return poses, each given in the frame `base` of its moment, in the frame in which `base` itself is given."""
-    frame = RigidMotion(base.orientation, base.position)
-    return ObjectMotion(frame.points(poses.position), frame.orientations(poses.orientation))
+    return ObjectMotion(base.frame.points(poses.position), base.frame.orientations(poses.orientation))
 
 
 def check_names(names: Sequence[str]) -> None:
@@ -418,12 +418,7 @@ class BodyFile(Settings, frozen=True):
         bearers = {body.name: body.bearer for body in self.body if body.bearer}
         check_known("body", bearers.values(), solid)
         for name, on in bearers.items():
-            chain = [name]
-            while bearer := bearers.get(chain[-1]):
-                chain.append(bearer)
-                if bearer in chain[:-1]:
-                    circle = " on ".join(chain[chain.index(bearer) :])
-                    raise InputError(f"joints in a circle: {circle}; expected one body that hangs on no other")
+            chain_of(name, bearers, "body")
             if solid[on].is_free and not solid[name].is_free:
                 raise InputError(f"body '{name}' is driven on '{on}', which is free; expected one that is not")
         planes = [body.name for body in self.body if body.plane is not None]

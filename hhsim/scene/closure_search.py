@@ -33,7 +33,7 @@ from hhsim.kernels.kernel_cache import module_digest
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.reproducible import across, dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances
-from hhsim.scene.script import Script, ScriptPhase
+from hhsim.scene.script import Script
 from hhsim.system.atomic_write import write_atomically
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -433,12 +433,8 @@ def kept_closure(
 
 def closure_key(script: Script, hand: HandModel, tree: SphereTree) -> str:
     """Return a digest of what a search depends on: every array of hand and tree, and the script without its rest."""
-    slides = ScriptPhase("slide", 1.0, distance=script.way("slide"))
-    pushes = (ScriptPhase("push", 1.0, distance=script.way("push")),) if script.way("push") > 0.0 else ()
-    moves = (ScriptPhase("lift", 1.0),) if script.moves_object else ()
-    phases = (ScriptPhase("grasp", 1.0, fingers=script.fingers), slides, *pushes, *moves)
-    names = ("contact", "depth", "clearance", "palm_gap", "palm_depth", "curl")
-    searched = Script(name="", phases=phases, **{name: getattr(script, name) for name in names})
+    names = ("contact", "depth", "clearance", "palm_gap", "palm_depth", "curl", "fingers", "moves_object")
+    searched = [script.way("slide"), script.way("push"), *(getattr(script, name) for name in names)]
     digest = hashlib.blake2b(f"{SEARCH_VERSION} {searched!r}".encode(), digest_size=16)
     for values in (*hand.arrays(), *tree.arrays()):
         digest.update(np.asarray(values).tobytes())

@@ -91,7 +91,7 @@ class DeclaredBodies:
         """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
         held = [(self.meshes[body.name], self.begin[body.name]) for body in self.object_bodies]
         if len(held) > 1:
-            return placed_mesh([mesh for mesh, _ in held], [_frame(pose) for _, pose in held], self.name)
+            return placed_mesh([mesh for mesh, _ in held], [pose.frame for _, pose in held], self.name)
         ((mesh, pose),) = held
         return replace(mesh if _is_still(pose) else mesh.transformed(*_place(pose)), name=self.name)
 
@@ -104,8 +104,7 @@ class DeclaredBodies:
             ((tree, pose),) = held
             tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
             return replace(tree, options={**tree.options, **about})
-        moved = [_frame(pose) for _, pose in held]
-        return joined_tree([tree for tree, _ in held], moved, self.name, self.mesh)
+        return joined_tree([tree for tree, _ in held], [pose.frame for _, pose in held], self.name, self.mesh)
 
     def with_trees(self, make: Callable[[Mesh], SphereTree]) -> "DeclaredBodies":
         """Return the bodies with their sphere trees, those of equal meshes made once."""
@@ -218,8 +217,8 @@ class DeclaredBodies:
         if not body.is_free:
             return placed
         if body.inertia is None or body.center is None or body.mass is None:
-            given: dict[str, Any] = {"density": body.density or 1000.0} if body.mass is None else {"mass": body.mass}
-            return replace(placed, motion=Free.of_mesh(placed.placed_mesh, **given))
+            solid = Free.of_mesh(placed.placed_mesh, mass=body.mass, density=body.density or 1000.0)
+            return replace(placed, motion=solid)
         turn = rotation_matrix(pose.orientation)
         inertia = matmul(matmul(turn, np.array(body.inertia)), turn.T)
         first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
@@ -240,10 +239,6 @@ def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name:
     covers = {"cover": "outer"} if all(tree.options.get("cover") == "outer" for tree in trees) else {}
     joined = build_hierarchy(np.concatenate(centers), radii, level, BRANCHING)
     return replace(joined, mesh_sha256=mesh.sha256, options={OF_BODIES: name, **covers})
-
-
-def _frame(pose: ObjectMotion) -> RigidMotion:
-    return RigidMotion(pose.orientation, pose.position)
 
 
 def _place(pose: ObjectMotion) -> tuple[FloatArray, FloatArray]:
@@ -274,14 +269,10 @@ def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodi
     path = Path(word) if names_a_file(word) else Path(str(files("hhsim.objects") / BODIES / f"{word}.toml"))
     bodies = read_settings(path, BodyFile, "file of bodies").body
     joints = {body.name: body.joint.read(path.parent) for body in bodies if body.joint}
-    motions: dict[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
     with named(word):
         if not joints:
             _require_no_joints(motion, path.stem)
-        check_known("joint", motions, joints)
-        for name, keyframes in motions.items():
-            with named(f"joint {name}"):
-                joints[name] = joints[name].moved(keyframes)
+        joints |= _moved(joints, motion, {name: name for name in joints})
         settings = BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
         drives = {body.name: body.poses.read(path.parent) for body in settings if body.poses}
@@ -326,8 +317,15 @@ def linkage_bodies(
         table = given.pop("table", None)
         if given and len(linkage.links) > 1:
             raise InputError(f"{next(iter(given))} is of one body; it has {len(linkage.links)}, which state their own")
-        moved = _moved_joints(linkage, motion)
-        bodies = [_of_link(linkage, link, moved, free is not None, given) for link in linkage.links]
+        own = {child: _settings(joint) for child, joint in linkage.joint_of.items() if joint.type != "free"}
+        words = {linkage.joint_of[child].name: child for child in own} | {child: child for child in own}
+        named_by = list(dict(getattr(motion, "joints", ())))
+        if len(named_by) == len(own) == 1:
+            words.setdefault(named_by[0], *own)
+        # A joint that nothing moves stands by a motion of one value.
+        standing = {child: joint.moved(((0.0, joint.value),)) for child, joint in own.items() if free is None}
+        joints = {**own, **standing, **_moved(own, motion, words)}
+        bodies = [_of_link(linkage, link, joints, free is not None, given) for link in linkage.links]
         if free is not None:
             if not any(body.is_free for body in bodies):
                 raise InputError("nothing is free: its links are fixed to the world, or moved by the motion")
@@ -343,28 +341,22 @@ def linkage_bodies(
         return BodyFile(tuple(bodies)).body, meshes
 
 
-def _moved_joints(linkage: Robot, motion: object) -> dict[str, Joint]:
-    """Return each joint that a motion moves, by the name of its link.
+def _moved(joints: Mapping[str, Joint], motion: object, words: Mapping[str, str]) -> dict[str, Joint]:
+    """Return the joints that a script moves by its `words`, which mean the names of their bodies.
 
-    Raises UnknownNameError for a joint that the file has not, InputError for values beyond its limits.
+    Raises UnknownNameError for another word, InputError for values beyond the limits.
     """
     given: Mapping[str, Sequence[Keyframe]] = dict(getattr(motion, "joints", ()))
-    joints = {child: joint for child, joint in linkage.joint_of.items() if joint.type != "free"}
-    known = {joint.name: child for child, joint in joints.items()} | {child: child for child in joints}
-    if len(given) == 1 and len(joints) == 1:
-        (word,), (child,) = given, joints
-        known.setdefault(word, child)
-    check_known("joint", given, known)
+    check_known("joint", given, words)
     found: dict[str, Joint] = {}
     for word, keyframes in given.items():
-        joint = joints[known[word]]
-        with named(f"joint '{joint.name}'"):
-            found[known[word]] = _settings(joint).moved(keyframes)
+        with named(f"joint '{word}'"):
+            found[words[word]] = joints[words[word]].moved(keyframes)
     return found
 
 
 def _of_link(
-    linkage: Robot, link: Link, moved: Mapping[str, Joint], free: bool, given: Mapping[str, Any]
+    linkage: Robot, link: Link, joints: Mapping[str, Joint], free: bool, given: Mapping[str, Any]
 ) -> BodySettings:
     joint, own = linkage.joint_of.get(link.name), link.inertial
     frame = HERE if joint is None else joint.frame
@@ -377,12 +369,8 @@ def _of_link(
     about |= given
     if joint is None or joint.type == "free":
         about["fixed"] = not free or (joint is None and linkage.on_world)
-    elif link.name in moved:
-        about["joint"] = moved[link.name]
     else:
-        # A joint that nothing moves stands by a motion of one value.
-        settings = _settings(joint)
-        about["joint"] = settings if free else settings.moved(((0.0, joint.start),))
+        about["joint"] = joints[link.name]
     w, x, y, z = quaternion_from_matrix(frame.rotation).tolist()
     about |= {"position": triple(frame.position), "orientation": (w, x, y, z)}
     return BodySettings(name=link.name, mesh=link.name, **about)
@@ -402,9 +390,7 @@ def _settings(joint: LinkJoint) -> Joint:
 
 def _require_no_joints(motion: object, word: str) -> None:
     """Raise InputError for a script that moves joints, on an object that has none."""
-    joints: Sequence[tuple[str, Sequence[Keyframe]]] = getattr(motion, "joints", ())
-    if joints:
-        names = ", ".join(name for name, _ in joints)
+    if names := ", ".join(dict(getattr(motion, "joints", ()))):
         raise InputError(f"{getattr(motion, 'name', 'the motion')} moves the joint {names}; {word} has none")
 
 

@@ -108,11 +108,6 @@ class PlacedScene:
     note: str = ""  # a sentence for the user, or ""
     notes: tuple[str, ...] = ()  # on the choice of trees
 
-    @property
-    def place(self) -> Place:
-        """Placement as a --place-object argument."""
-        return "recorded" if self.placement is None else "auto"
-
     def to_json(self) -> dict[str, Any] | None:
         """Return the placement as plain values, SI; None where there is none."""
         return None if self.placement is None else {**self.placement.to_json(), "by_itself": self.by_itself}
@@ -256,7 +251,7 @@ def described_scene(
         "object_repairs": list(bodies.mesh.repairs),
         "level": bodies.tree.depth,
         "tree_options": dict(bodies.tree.options),
-        "place_object": placed.place,
+        "place_object": "recorded" if placed.placement is None else "auto",
         "placement": placed.to_json(),
         **({"solid": True} if words.solid else {}),
         **({"ticks": scene.ticks.tick_count} if is_cut else {}),

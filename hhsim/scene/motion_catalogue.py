@@ -126,18 +126,10 @@ def describe(name: str) -> TrajectoryDescription:
     found = load_script(name)
     # `show` is an object and options.
     object_, _, options = (found.show or (*found.objects, USUAL_OBJECT)[0]).partition(" ")
-    return TrajectoryDescription(
-        name=name,
-        title=found.title,
-        stresses=found.stresses,
-        duration=found.duration,
-        rate=found.rate,
-        fingers=found.fingers if found.contact else (),
-        phases=tuple(phase.name for phase in found.phases),
-        objects=found.objects,
-        figures=tuple(use.figure for use in found.paper),
-        line=f"hhsim replay {object_} {name} {options}".rstrip(),
-    )
+    stated = found.title, found.stresses, found.duration, found.rate, found.fingers if found.contact else ()
+    phases, figures = tuple(phase.name for phase in found.phases), tuple(use.figure for use in found.paper)
+    line = f"hhsim replay {object_} {name} {options}".rstrip()
+    return TrajectoryDescription(name, *stated, phases, found.objects, figures, line)
 
 
 def of_the_paper(description: Mapping[str, Any]) -> bool:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import Meta, structs
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError, check_known
@@ -56,23 +56,41 @@ MAX_SAMPLES = 10_000_000
 """More samples are a typing error: about three hours at 1 kHz."""
 
 
-@dataclass(frozen=True)
-class ScriptPhase:
-    """One phase of a script; docs/toml.md explains the fields.
+Number = Annotated[float, between(-10.0, 10.0)]
+Three = tuple[Number, Number, Number]
+OfFingers = tuple[Number, Number, Number, Number, Number]
 
-    A closing phase has `fingers`; a hold has `touch`, the touches demanded at its end, None where they are left open.
-    `hand` is the one that does it, None for both.
+
+class ScriptPhase(Settings, frozen=True):
+    """One phase of a script; docs/toml.md explains the keys, None where one is not given.
+
+    A closing phase has `fingers`, in their order; a hold has `touch`, the touches demanded at its end, None where they
+    are left open. `hand` is the one that does it, None for both.
     """
 
-    name: str
-    duration: float
-    fingers: tuple[str, ...] = ()
-    distance: float = 0.0
-    turn: float = 0.0
-    cycles: float = 4.0
-    touch: tuple[Touch, ...] | None = None
-    hand: Side | None = field(default=None, repr=False)
-    way: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), repr=False)
+    name: Annotated[str, one_of(PHASE_NAMES)]
+    duration: Annotated[float, between(0.001, 3600.0, "s")]
+    fingers: Annotated[tuple[Annotated[str, one_of(FINGERS)], ...], a_list('["thumb", "index"]')] = ()
+    distance: float | None = None
+    turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
+    cycles: Annotated[float, between(0.5, 1000.0)] | None = None
+    touch: TouchTable | None = None
+    hand: Side | None = None
+    way: Three | None = None
+
+    def check(self) -> None:
+        """Check that its keys are those of such a phase, and put its fingers in order, the usual ones if none."""
+        for key, names in KEYS_OF_PHASES.items():
+            if getattr(self, key) not in (None, ()) and self.name not in names:
+                raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
+        needed = {"turn": "turn", "move": "way"}.get(self.name, "distance" if self.name in DISTANCES else "")
+        if needed and getattr(self, needed) is None:
+            raise InputError(f"{needed} is missing; a {self.name} needs it")
+        low, high = DISTANCES.get(self.name, (0.0, 0.0))
+        if self.distance is not None and not low <= self.distance <= high:
+            raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
+        closing = self.fingers or DEFAULT_FINGERS.get(self.name, ())
+        structs.force_setattr(self, "fingers", tuple(finger for finger in FINGERS if finger in closing))
 
 
 class PaperUse(Settings, frozen=True):
@@ -116,11 +134,6 @@ class Placement:
         return replace(self, orientation=quaternion_from_matrix(rotation), **places)
 
 
-Number = Annotated[float, between(-10.0, 10.0)]
-Three = tuple[Number, Number, Number]
-OfFingers = tuple[Number, Number, Number, Number, Number]
-
-
 class PlacementTable(Settings, frozen=True):
     """Table [[placement]] of a script; docs/toml.md explains the keys."""
 
@@ -153,30 +166,73 @@ class PlacementTable(Settings, frozen=True):
         return Placement(self.object, **given)
 
 
-@dataclass(frozen=True)
-class Script:
-    """A checked script; docs/toml.md explains the fields."""
+class ScriptTable(Settings, frozen=True, kw_only=True, rename={"phases": "phase", "joints": "joint"}):
+    """TOML document of a script; docs/toml.md explains the keys."""
 
-    name: str
-    phases: tuple[ScriptPhase, ...]
     title: str = ""
     stresses: str = ""
-    rate: float = 1000.0
+    rate: Annotated[float, between(1.0, 1e5, "Hz")] = 1000.0
     contact: bool = True
-    depth: float = 0.015
-    clearance: float = 0.005
-    palm_gap: float = 0.005
-    palm_depth: float = 0.0
-    start_distance: float = 0.12
-    curl: float = 1.0
-    disturbance: Disturbance = field(default_factory=Disturbance)
+    depth: Annotated[float, between(0.0, 0.1, "m")] = 0.015
+    clearance: Annotated[float, between(0.0, 0.5, "m")] = 0.005
+    palm_gap: Annotated[float, between(0.0, 0.5, "m")] = 0.005
+    palm_depth: Annotated[float, between(0.0, 0.1, "m")] = 0.0
+    start_distance: Annotated[float, between(0.001, 1.0, "m")] = 0.12
+    curl: Annotated[float, between(0.0, 10.0)] = 1.0
     objects: tuple[str, ...] = ()
+    show: str = ""
+    phases: Annotated[
+        tuple[ScriptPhase, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")
+    ]
+    placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
+    paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
+    tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
+    joints: dict[str, tuple[Keyframe, ...]] = msgspec.field(default_factory=dict)
+    sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
+
+    def check(self) -> None:
+        """Check that phases, placements and touches go together."""
+        check_known("object", self.objects, [*object_names(), *body_file_names()])
+        names = [phase.name for phase in self.phases]
+        if names[0] != "approach":
+            raise InputError(f"the first phase is '{names[0]}'; expected approach")
+        if self.contact and DEFAULT_FINGERS.keys().isdisjoint(names):
+            raise InputError(f"no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false")
+        for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
+            both = [name for name in names if name in others]
+            if one in names and both:
+                raise InputError(f"a {one} and a {both[0]}; expected one of them in a script")
+        if not self.contact and self.palm_depth > 0.0:
+            raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
+        if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
+            raise InputError("placement: slide belongs to a script with a slide")
+        if len({(place.object, place.hands) for place in self.placement}) < len(self.placement):
+            raise InputError("two placements on one object; expected one for each, and one of both hands")
+        touches = (touch for phase in self.phases for touch in touches_of(phase.touch or {}))
+        named = {touch.region for touch in touches if touch.region != ANYWHERE}
+        if named and not self.objects:
+            raise InputError(f"{min(named)} is a part of some objects; expected objects = …, those that have it")
+        _ = self.disturbance  # which its values are checked by
+
+    @property
+    def disturbance(self) -> Disturbance:
+        """Tremor and sensor noise."""
+        tables = {"tremor": self.tremor, "sensor": self.sensor}
+        return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
+
+
+class Script(ScriptTable, frozen=True, kw_only=True, eq=False):
+    """A script under its name, with its places on objects: those of one hand, and of the right one of two.
+
+    It equals itself alone, so that it can be a key.
+    """
+
+    name: str
     placements: tuple[Placement, ...] = ()
-    paper: tuple[PaperUse, ...] = ()
-    # Not in the text that names a kept closure: the search does not depend on it.
-    joints: tuple[tuple[str, tuple[Keyframe, ...]], ...] = field(default=(), repr=False)
-    placements_of_two: tuple[Placement, ...] = field(default=(), repr=False)
-    show: str = field(default="", repr=False)
+    placements_of_two: tuple[Placement, ...] = ()
+
+    def check(self) -> None:
+        """Check nothing: its table was checked, and a program may play other phases."""
 
     @property
     def duration(self) -> float:
@@ -191,12 +247,12 @@ class Script:
     def shaken(self, tremor_mm_deg: Sequence[float]) -> "Script":
         """Return the script with tremor of the palm's position [mm] and rotation [°], as `hhsim replay` takes it."""
         position, rotation = tremor_mm_deg
-        shaken = replace(self.disturbance, tremor_position=1e-3 * position, tremor_rotation=math.radians(rotation))
-        return replace(self, disturbance=shaken)
+        shaken = {**self.tremor, "position": 1e-3 * position, "rotation": math.radians(rotation)}
+        return structs.replace(self, tremor=shaken)
 
     def of_two(self) -> "Script":
         """Return the script as two hands do it: their places come before those of one hand."""
-        return replace(self, placements=(*self.placements_of_two, *self.placements))
+        return structs.replace(self, placements=(*self.placements_of_two, *self.placements))
 
     def has(self, *names: str) -> bool:
         """Return True if any phase has one of these names."""
@@ -204,7 +260,7 @@ class Script:
 
     def way(self, name: str) -> float:
         """Return the sum of the distances [m] of the phases of a name."""
-        return math.fsum(phase.distance for phase in self.phases if phase.name == name)
+        return math.fsum(phase.distance or 0.0 for phase in self.phases if phase.name == name)
 
     @property
     def moves_object(self) -> bool:
@@ -224,7 +280,7 @@ class Script:
         usual: tuple[Touch, ...] = ()
         for phase in self.phases:
             if phase.name == "hold":
-                found.append(usual if phase.touch is None else phase.touch)
+                found.append(usual if phase.touch is None else touches_of(phase.touch))
             elif phase.name in DEFAULT_FINGERS:
                 parts = [*phase.fingers, *([PALM] if self.palm_depth > 0.0 else [])] if self.contact else []
                 usual = tuple(Touch(part) for part in parts)
@@ -238,7 +294,10 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
 
     Raises TrajectoryError for no TOML, an unknown key, value or phase, or no placement on an object that it is for.
     """
-    script = parse_settings(text, ScriptTable, where, TrajectoryError).script(name)
+    table = parse_settings(text, ScriptTable, where, TrajectoryError)
+    one, both = (tuple(p.placement() for p in table.placement if p.hands == hands) for hands in ("one", "both"))
+    fields = {key: getattr(table, key) for key in table.__struct_fields__}
+    script = Script(name=name, placements=one, placements_of_two=both, **fields)
     placed = {placement.object_name for placement in script.placements}
     missing = [name for name in script.objects if name not in placed]
     if missing:
@@ -246,99 +305,3 @@ def parse_script(text: str, *, name: str, where: str) -> Script:
     if script.sample_count > MAX_SAMPLES:
         raise TrajectoryError(f"{where}: {script.sample_count} samples; expected at most {MAX_SAMPLES}")
     return script
-
-
-class _PhaseTable(Settings, frozen=True):
-    name: Annotated[str, one_of(PHASE_NAMES)]
-    duration: Annotated[float, between(0.001, 3600.0, "s")]
-    fingers: Annotated[tuple[Annotated[str, one_of(FINGERS)], ...], a_list('["thumb", "index"]')] | None = None
-    distance: float | None = None
-    turn: Annotated[float, between(-7.0, 7.0, "rad")] | None = None
-    cycles: Annotated[float, between(0.5, 1000.0)] | None = None
-    touch: TouchTable | None = None
-    hand: Side | None = None
-    way: Three | None = None
-
-    def check(self) -> None:
-        for key, names in KEYS_OF_PHASES.items():
-            if getattr(self, key) is not None and self.name not in names:
-                raise InputError(f"{key} belongs to {', '.join(names)}; this phase is a {self.name}")
-        needed = {"turn": "turn", "move": "way"}.get(self.name, "distance" if self.name in DISTANCES else "")
-        if needed and getattr(self, needed) is None:
-            raise InputError(f"{needed} is missing; a {self.name} needs it")
-        low, high = DISTANCES.get(self.name, (0.0, 0.0))
-        if self.distance is not None and not low <= self.distance <= high:
-            raise InputError(f"distance = {self.distance:g}; expected a number from {low:g} to {high:g} m")
-
-    def phase(self) -> ScriptPhase:
-        closing = self.fingers or DEFAULT_FINGERS.get(self.name, ())
-        keys = ("distance", "turn", "cycles", "hand", "way")
-        given: dict[str, Any] = {key: value for key in keys if (value := getattr(self, key)) is not None}
-        touch = None if self.touch is None else touches_of(self.touch)
-        fingers = tuple(finger for finger in FINGERS if finger in closing)
-        return ScriptPhase(self.name, self.duration, fingers, touch=touch, **given)
-
-
-class ScriptTable(Settings, frozen=True, kw_only=True):
-    """TOML document of a script; docs/toml.md explains the keys."""
-
-    title: str = ""
-    stresses: str = ""
-    rate: Annotated[float, between(1.0, 1e5, "Hz")] = Script.rate
-    contact: bool = True
-    depth: Annotated[float, between(0.0, 0.1, "m")] = Script.depth
-    clearance: Annotated[float, between(0.0, 0.5, "m")] = Script.clearance
-    palm_gap: Annotated[float, between(0.0, 0.5, "m")] = Script.palm_gap
-    palm_depth: Annotated[float, between(0.0, 0.1, "m")] = Script.palm_depth
-    start_distance: Annotated[float, between(0.001, 1.0, "m")] = Script.start_distance
-    curl: Annotated[float, between(0.0, 10.0)] = Script.curl
-    objects: tuple[str, ...] = ()
-    show: str = ""
-    phase: Annotated[tuple[_PhaseTable, ...], Meta(min_length=1, description="[[phase]] tables with name and duration")]
-    placement: Annotated[tuple[PlacementTable, ...], Meta(description="[[placement]] tables")] = ()
-    paper: Annotated[tuple[PaperUse, ...], Meta(description="[[paper]] tables")] = ()
-    tremor: dict[Annotated[str, one_of(DISTURBANCES["tremor"])], Any] = msgspec.field(default_factory=dict)
-    joint: dict[str, tuple[Keyframe, ...]] = msgspec.field(default_factory=dict)
-    sensor: dict[Annotated[str, one_of(DISTURBANCES["sensor"])], Any] = msgspec.field(default_factory=dict)
-
-    def check(self) -> None:
-        """Check that phases, placements and touches go together."""
-        check_known("object", self.objects, [*object_names(), *body_file_names()])
-        names = [phase.name for phase in self.phase]
-        if names[0] != "approach":
-            raise InputError(f"the first phase is '{names[0]}'; expected approach")
-        if self.contact and DEFAULT_FINGERS.keys().isdisjoint(names):
-            raise InputError(f"no phase closes a finger; expected {', '.join(DEFAULT_FINGERS)}, or contact = false")
-        for one, others in (("carry", (*TAKE_ALONG, "push", "slip")), ("slide", ("push",))):
-            both = [name for name in names if name in others]
-            if one in names and both:
-                raise InputError(f"a {one} and a {both[0]}; expected one of them in a script")
-        if not self.contact and self.palm_depth > 0.0:
-            raise InputError(f"palm_depth = {self.palm_depth:g} with contact = false; expected one of them")
-        if {"slide", "push"}.isdisjoint(names) and any(place.slide for place in self.placement):
-            raise InputError("placement: slide belongs to a script with a slide")
-        if len({(place.object, place.hands) for place in self.placement}) < len(self.placement):
-            raise InputError("two placements on one object; expected one for each, and one of both hands")
-        touches = (touch for phase in self.phase for touch in touches_of(phase.touch or {}))
-        named = {touch.region for touch in touches if touch.region != ANYWHERE}
-        if named and not self.objects:
-            raise InputError(f"{min(named)} is a part of some objects; expected objects = …, those that have it")
-        self.disturbance()
-
-    def disturbance(self) -> Disturbance:
-        """Return the tremor and the sensor noise."""
-        tables = {"tremor": self.tremor, "sensor": self.sensor}
-        return Disturbance(**{f"{part}_{key}": value for part, table in tables.items() for key, value in table.items()})
-
-    def script(self, name: str) -> Script:
-        """Return the script under a name."""
-        as_they_are = {key: getattr(self, key) for key in self.__struct_fields__ if key in Script.__dataclass_fields__}
-        return Script(
-            name,
-            tuple(phase.phase() for phase in self.phase),
-            disturbance=self.disturbance(),
-            placements=tuple(place.placement() for place in self.placement if place.hands == "one"),
-            placements_of_two=tuple(place.placement() for place in self.placement if place.hands == "both"),
-            joints=tuple(self.joint.items()),
-            **as_they_are,
-        )

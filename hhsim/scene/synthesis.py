@@ -21,6 +21,8 @@ from hhsim.trees.sphere_tree import SphereTree
 RELEASE_OPENING = 0.6
 """A release opens the fingers in this first share of its duration and retreats in the last share of the same length."""
 
+USUAL_CYCLES = 4.0
+"""Cycles of a shake that states none."""
 END = 1e-9
 """A sample this near to the end of a phase, as a share of its duration, is at the end."""
 
@@ -150,7 +152,7 @@ class Course:
         self.taken = _about(self._angle[:, None] * ahead, middle, self._place) if script.has(*TAKE_ALONG) else None
 
     def _play(self, script: Script, phase: ScriptPhase, share: FloatArray) -> None:
-        way = minimum_jerk(share)
+        way, distance, turn = minimum_jerk(share), phase.distance or 0.0, phase.turn or 0.0
         if phase.name == "approach":
             self._move(self.retreat, -script.palm_depth, way)
         elif phase.name in DEFAULT_FINGERS:
@@ -158,7 +160,7 @@ class Course:
             self._move(self.closure, closed, way[:, None])
             self._move(self.ease, 0.0, way)
         elif phase.name in ("slide", "push"):
-            self.slide += phase.distance * way
+            self.slide += distance * way
         elif phase.name == "slip":
             self._move(self.ease, 1.0, way)
         elif phase.name == "release":
@@ -167,23 +169,23 @@ class Course:
             self._move(self.retreat, script.start_distance, going)
         elif phase.name == "carry":
             # Every later sample stands at the end of the arc, until another arc goes on from there.
-            turned = phase.turn * way
+            turned = turn * way
             # Chord and middle heading of the arc so far; a straight line has no half turn to divide by.
             half = 0.5 * turned
             straight = half == 0.0
             ratio = np.where(straight, 1.0, sine_and_cosine(half)[0] / np.where(straight, 1.0, half))
             sine, cosine = sine_and_cosine(self._heading[-1] + half)
             direction = np.stack([cosine, sine, np.zeros(len(share))], axis=1)
-            self._arc += (phase.distance * way * ratio)[:, None] * direction
+            self._arc += (distance * way * ratio)[:, None] * direction
             self._heading += turned
         elif phase.name == "lift":
-            self._place += (phase.distance * way)[:, None] * [0.0, 0.0, 1.0]
+            self._place += (distance * way)[:, None] * [0.0, 0.0, 1.0]
         elif phase.name == "move":
-            self._place += way[:, None] * phase.way
+            self._place += way[:, None] * np.array(phase.way)
         elif phase.name == "shake":
-            self._place += (phase.distance * to_and_fro(share, phase.cycles))[:, None] * self._across
+            self._place += (distance * to_and_fro(share, phase.cycles or USUAL_CYCLES))[:, None] * self._across
         elif phase.name == "turn":
-            self._angle += phase.turn * way
+            self._angle += turn * way
 
     @staticmethod
     def _move(values: FloatArray, target: ArrayLike, share: FloatArray) -> None:

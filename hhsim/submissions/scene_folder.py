@@ -23,7 +23,7 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
-from hhsim.motion.trajectory import ObjectMotion, Phase, TickInput, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.scene.body import Body, Free
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
@@ -95,16 +95,6 @@ def worded_scene(loaded: LoadedWords) -> Scene:
     stated: dict[str, Any] = {"level": words.level or loaded.bodies.level}
     stated |= {} if words.free is None else {"free": words.free.given()}
     return replace(scene, description={**scene.description, **stated})
-
-
-def tick_trajectory(ticks: TickInput, **about: Any) -> Trajectory:
-    """Return the ticks as a motion with a sample a tick; `about` are the other fields of `Trajectory`."""
-    last = ticks.tick_count - 1
-    phases = tuple(
-        Phase(phase.name, float(ticks.time[phase.first_tick]), float(ticks.time[min(phase.last_tick + 1, last)]))
-        for phase in ticks.phases
-    )
-    return Trajectory(ticks.time, *HandConfiguration.of(ticks), phases=phases, **about)
 
 
 class SceneBody(NamedTuple):
@@ -267,7 +257,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]
     spheres = [(*leaf, body.name) for body, its in zip(bodies, leaves) for leaf in its]
     names = ("object_position", "object_orientation", "name", "source")
-    about = [{name: getattr(hand.trajectory, name) for name in names} for hand in scene.hands]
+    phases = tuple(phase.timed(ticks.time) for phase in ticks.phases)
     files = {
         SCENE_FILE: json.dumps(description, indent=2) + "\n",
         **{f"{body.name}.obj": body.mesh.obj() for body in bodies},
@@ -275,8 +265,10 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "scene.xml": scene_mjcf(scene),
         EXAMPLE: format_poses(example_submission(scene)),
     }
-    for prefix, hand, of in zip(prefixes, scene.hands, about, strict=True):
-        moved, model = tick_trajectory(hand.ticks.seen_from_object(), hand=hand.model.side, **of), hand.model
+    for prefix, hand in zip(prefixes, scene.hands, strict=True):
+        model, seen = hand.model, HandConfiguration.of(hand.ticks.seen_from_object())
+        about = {name: getattr(hand.trajectory, name) for name in names}
+        moved = Trajectory(ticks.time, *seen, phases=phases, hand=model.side, **about)
         files |= {
             f"{prefix}motion.csv": format_csv(moved),
             f"{prefix}hand.json": json.dumps(_numbers(model), indent=1) + "\n",

@@ -189,8 +189,7 @@ def _free(scene: Scene, hand: HandModel, user: HandConfiguration) -> BoolArray:
     for body in scene.solids:
         tree, there = body.placed_tree, placed
         if isinstance(body.motion, Driven):
-            poses = body.motion.poses
-            tree, there = body.tree, RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+            tree, there = body.tree, body.motion.poses.frame.seen_hand(placed)
         palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=FREE_DISTANCE)
         free &= np.minimum(palm, finger.min(axis=1)) >= FREE_DISTANCE
     return free if free.sum() >= LEAST_FREE_TICKS else np.ones(len(free), bool)
@@ -203,34 +202,22 @@ def shown_scene(scene: Scene, submission: Submission) -> Scene:
 
 
 def _driven(body: Body, shown: ObjectMotion) -> Body:
-    to, count = RigidMotion(shown.orientation, shown.position), (len(shown.position), 1)
+    to, count = shown.frame, (len(shown.position), 1)
     places, turns = to.points(np.tile(body.position, count)), to.orientations(np.tile(body.orientation, count))
     first = {"position": places[0], "orientation": turns[0]}
     return replace(body, motion=Driven(ObjectMotion(places, turns)), joint=None, **first)
 
 
-def as_seen(submission: Submission, seen: SeenScene, shown: SeenScene) -> Submission:
-    """Return a submission, in the frame of its scene, in that of the shown one, which may go along with a body."""
-    if seen.carrier is shown.carrier:
-        return submission
-
-    def moved(hand: Submission) -> Submission:
-        world = hand.poses
-        if seen.carrier is not None:
-            frame = along(seen.carrier)
-            places, turns = frame.points(world.position), frame.orientations(world.orientation)
-            world = world._replace(position=places, orientation=turns)
-        poses = world if shown.carrier is None else seen_hand(world, along(shown.carrier))
-        turned = [] if seen.carrier is None else [rotation_matrix(along(seen.carrier).turn)]
-        turned += [] if shown.carrier is None else [rotation_matrix(along(shown.carrier).turn).swapaxes(1, 2)]
-        phalanx, palm = hand.phalanx_force, hand.palm_force
-        for turn in turned:
-            phalanx = None if phalanx is None else np.einsum("tij,tfkj->tfki", turn, phalanx)
-            palm = None if palm is None else np.einsum("tij,tj->ti", turn, palm)
-        left = None if hand.left is None else moved(hand.left)
-        return replace(hand, poses=HandConfiguration(*poses), phalanx_force=phalanx, palm_force=palm, left=left)
-
-    return moved(submission)
+def as_seen(submission: Submission, frame: RigidMotion) -> Submission:
+    """Return a submission, in the world, as a frame that has moved sees it."""
+    phalanx, palm, left = submission.phalanx_force, submission.palm_force, submission.left
+    return replace(
+        submission,
+        poses=seen_hand(submission.poses, frame),
+        phalanx_force=None if phalanx is None else frame.seen_vectors(phalanx),
+        palm_force=None if palm is None else frame.seen_vectors(palm),
+        left=left and as_seen(left, frame),
+    )
 
 
 def body_depth(scene: Scene, shown: Scene) -> float:
@@ -271,8 +258,7 @@ def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
             continue
         mesh, tree, there = body.placed_mesh, body.placed_tree, placed
         if isinstance(body.motion, Driven):
-            mesh, tree, poses = body.mesh, body.tree, body.motion.poses
-            there = RigidMotion(poses.orientation, poses.position).seen_hand(placed)
+            mesh, tree, there = body.mesh, body.tree, body.motion.poses.frame.seen_hand(placed)
         palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=NEAR)
         # The spheres cover the mesh: a hand outside of them is outside of the mesh.
         inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
@@ -417,7 +403,8 @@ def score(
     doubts = suspicions(submission, scene)
     digest, shown = scene_digest(scene), shown_scene(scene, submission)
     seen = seen_scene(shown)
-    given = as_seen(submission, seen_scene(scene), seen)
+    # Beside what is free poses are in the world; the shown scene may go along with a body.
+    given = as_seen(submission, along(seen.carrier)) if seen.carrier and submission.bodies else submission
     name = f"{SUBMITTED}{submission.method}"
     with known_for_now(name, submitted_method(name, given)):
         options = SolverOptions(method=name, surface=surface)
@@ -425,11 +412,7 @@ def score(
         said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
         # Of what is free poses are sent: nothing else in the file says where it goes.
         said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
-        solver = SceneSolver(shown, options)
-        run = Replay(solver, {"submission": said})
-        with run.writer(output_path, command) as writer:
-            run.go(progress)
-            summaries = run.finish()
+        summaries = Replay(SceneSolver(shown, options), {"submission": said}).into(output_path, command, progress)
         progress("the best poses", 0, 1)
         hands = dict[str, HandScore]()
         for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
@@ -437,9 +420,8 @@ def score(
             world = placed
             if seen.carrier is not None:
                 frame = along(seen.carrier)
-                at = HandConfiguration(*own.poses)
-                places, turns = frame.points(at.position), frame.orientations(at.orientation)
-                world = forward_kinematics(hand.model, *at._replace(position=places, orientation=turns))
+                places, turns = frame.points(own.poses.position), frame.orientations(own.poses.orientation)
+                world = forward_kinematics(hand.model, places, turns, own.poses.flexion, own.poses.abduction)
             off_best = _off_best(seen, hand.model, haptic, options.at_rate(scene.ticks.rate), placed)
             values = (_mesh_depth(shown, hand.model, world), *off_best)
             errors = dict(zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), values, strict=True))
@@ -448,7 +430,7 @@ def score(
     bodies = {BODY_DEPTH: body_depth(scene, shown)} if several else {}
     known = {side: _finite(of.errors) for side, of in hands.items()}
     of_hands = known if len(hands) > 1 else next(iter(known.values()))
-    add_document(writer.path, "score", of_hands | _finite(bodies))
+    add_document(output_path, "score", of_hands | _finite(bodies))
     return Score(hands, bodies, doubts, digest)
 
 

@@ -20,7 +20,7 @@ from hhsim.errors import HhsimError, InputError, OutputError
 from hhsim.linkage.file import names_a_linkage
 from hhsim.mesh.catalogue import names_a_file
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.replay.repeat import COUNTERS, ROUNDING, TIMINGS, other_makers, run_again
+from hhsim.replay.repeat import TIMINGS, ArrayComparison, other_makers, run_again
 from hhsim.replay.replay import Replay
 from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.result import schema
@@ -45,8 +45,6 @@ OF_A_MACHINE = {"motion_source"}
 """Labels that may name places of a machine."""
 NOT_WORDS = {"object_mesh", "object_repairs", "placement", "level", "tree_options", *OF_A_MACHINE}
 """Labels that a program which calls the library may leave out, besides the words."""
-UNITS = {**ROUNDING, "s": 1e-9, "rad,m": 1e-12}
-"""Largest difference that counts as rounding on another machine, by unit."""
 SAME_FIGURE = 1e-6
 """The same of figures and labels, as a share."""
 NOT_RUN = (f"/{TIMINGS}", f"/{schema.SKIN}/")
@@ -101,11 +99,7 @@ def _run_again(result: Result, first: Result, report: Progress, trust: bool) -> 
     scene, note = _scene(list(result.hands.values()), options, report)
     with TemporaryDirectory(prefix="hhsim-") as folder:
         path = Path(folder) / "again.h5"
-        solver = SceneSolver(scene, options)
-        run = Replay(solver)
-        with run.writer(path, ()):
-            run.go(report)
-            run.finish()
+        Replay(SceneSolver(scene, options)).into(path, progress=report)
         with open_hdf5(first.path) as stored, open_hdf5(path) as made:
             return [*_compared(first, stored, made)], note
 
@@ -196,21 +190,15 @@ def _rows_apart(result: Result, stored: h5py.Dataset, made: h5py.Dataset, elsewh
         other = other[: len(one)]
     if one.shape != other.shape or one.dtype != other.dtype:
         return f"has shape {one.shape} and type {one.dtype}, not {other.shape} and {other.dtype}", None
-    if one.dtype.kind == "O" or not one.size:
-        rows = np.flatnonzero(one != other)
-    else:
-        a, b = (np.ascontiguousarray(values).reshape(len(values), -1) for values in (one, other))
-        same = a.view(np.uint8) == b.view(np.uint8)
-        counts = f"/{schema.TICK}/{COUNTERS}" in path
-        if elsewhere and (counts or one.dtype.kind == "f"):
-            bound = np.inf if counts else UNITS.get(str(made.attrs.get("units", "")), 0.0)
-            same = (a == b) | (np.isnan(a) & np.isnan(b)) | (np.abs(a - b) <= bound)
-        rows = np.flatnonzero(~same.all(axis=1))
-    if not len(rows):
+    if one.dtype.kind == "O":
+        return _apart(one, other, 0.0), None
+    _, of_ticks, name = path.rpartition(f"/{schema.TICK}/")
+    array = ArrayComparison(schema.Column(name, one.shape[1:], one.dtype.str, str(made.attrs["units"]), ""))
+    array.add(one, other)
+    rows, first = (array.beyond, array.first_beyond) if elsewhere else (array.ticks, array.first_tick)
+    if not rows:
         return "", None
-    of_ticks = f"{schema.TICK}/" in path
-    place = f"{'tick' if of_ticks else 'row'} {rows[0]:,}"
-    return f"differs in {len(rows):,} rows, first in {place}", int(rows[0]) if of_ticks else None
+    return f"differs in {rows:,} rows, first in {'tick' if of_ticks else 'row'} {first:,}", first if of_ticks else None
 
 
 def _labels_apart(path: str, stored: Mapping[str, Any], made: Mapping[str, Any], share: float) -> Iterator[Item]:

@@ -45,19 +45,14 @@ def assert_same(one: Trajectory, other: Trajectory) -> None:
     assert one.flags is None or (one.flags == other.flags).all()
 
 
-def test_hdf5_gives_back_every_bit(motion: Trajectory, tmp_path: Path) -> None:
-    save_trajectory(motion, tmp_path / "m.h5")
-    assert_same(load_trajectory(tmp_path / "m.h5"), motion)
-
-
-@pytest.mark.parametrize("bare", [False, True])
-def test_csv_gives_back_every_bit(motion: Trajectory, tmp_path: Path, bare: bool) -> None:
+@pytest.mark.parametrize(("name", "bare"), [("m.h5", False), ("m.csv", False), ("m.csv", True)])
+def test_a_file_gives_back_every_bit(motion: Trajectory, tmp_path: Path, name: str, bare: bool) -> None:
     if bare:
         motion = Trajectory(
             motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction, name="m"
         )
-    save_trajectory(motion, tmp_path / "m.csv")
-    assert_same(load_trajectory(tmp_path / "m.csv"), motion)
+    save_trajectory(motion, tmp_path / name)
+    assert_same(load_trajectory(tmp_path / name), motion)
 
 
 def test_every_dataset_carries_its_unit_and_meaning(motion: Trajectory, tmp_path: Path) -> None:

@@ -177,7 +177,7 @@ def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
 
 def test_values_beyond_the_limits_are_told() -> None:
     script = SimpleNamespace(name="", joints=(("lid", ((0.0, 3.0),)),))
-    with pytest.raises(InputError, match=r"joint lid: motion\[1\] has the value 3, beyond the limits"):
+    with pytest.raises(InputError, match=r"joint 'lid': motion\[1\] has the value 3, beyond the limits"):
         load_object("laptop", script)
 
 

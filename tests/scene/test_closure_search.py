@@ -162,9 +162,8 @@ def test_the_plan_moves_with_the_object() -> None:
 
 
 def test_what_no_finger_can_reach_is_refused() -> None:
-    straight = Script(
-        name="stiff", phases=(ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))), palm_gap=0.3
-    )
+    phases = ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))
+    straight = Script(name="stiff", phases=phases, palm_gap=0.3)
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
         plan_finger_closure(straight, RIGHT, ball(0.01))
 
@@ -241,5 +240,5 @@ def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     unknown = {name for name in needed if not name.startswith(by_content) and not name.endswith("__init__.py")}
     # Not what is searched for, but what a script says of its end and of joints, and how closures are kept and told.
     other = {"arrays.py", "errors.py", "ranges.py", "scene/contact_goals.py"}
-    other |= {"scene/body.py"}
+    other |= {"scene/body.py", "linkage/linkage.py"}
     assert unknown - {*closure_search._SOURCES} == other

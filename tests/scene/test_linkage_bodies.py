@@ -76,7 +76,7 @@ def test_a_joint_stands_at_its_start_or_follows_its_name_its_links_or_the_only_o
 
 def test_values_beyond_the_limits_are_refused(tmp_path: Path) -> None:
     path = _laptop(tmp_path, limit='lower="-2" upper="0"', axis="-1 0 0")
-    with pytest.raises(InputError, match=r"laptop\.urdf: joint 'hinge': motion\[\d\] has the value .*, beyond the"):
+    with pytest.raises(InputError, match=r"laptop\.urdf: joint 'lid': motion\[\d\] has the value .*, beyond the"):
         load_object(path, _moved(lid=[(0.0, 0.2), (1.0, 1.0)]))
 
 

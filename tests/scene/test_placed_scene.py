@@ -52,7 +52,7 @@ def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:
     found = placed(fist())
-    assert found.place == "auto" and found.by_itself and found.placement is not None
+    assert found.by_itself and found.placement is not None
     assert found.note.startswith("as the recording has it, the hand touches nothing, so object placed where ")
     assert touches(found)
     assert found.scene.hands[0].trajectory.source == "a made-up glove"
@@ -63,11 +63,11 @@ def test_it_is_placed_by_itself_where_nothing_touches() -> None:
 @pytest.mark.soak
 def test_it_stays_where_it_was_recorded_if_that_was_asked_or_if_the_hand_touches_it() -> None:
     there = placed(fist(), "recorded")
-    assert (there.place, there.note, touches(there)) == ("recorded", "", False)
+    assert (there.placement, there.note, touches(there)) == (None, "", False)
     touched = placed(fist(0.04))
-    assert (touched.place, touched.note, touches(touched)) == ("recorded", "", True)
+    assert (touched.placement, touched.note, touches(touched)) == (None, "", True)
     asked = placed(fist(), "auto")
-    assert (asked.place, asked.by_itself) == ("auto", False)
+    assert asked.placement is not None and not asked.by_itself
 
 
 @pytest.mark.soak
@@ -79,13 +79,13 @@ def test_it_is_placed_by_itself_where_the_hand_would_begin_inside() -> None:
     assert least_distance(inside, inside.solids[0].placed_tree, limit=0.0, ticks=1) < -0.01
     assert least_distance(found.scene, found.scene.solids[0].placed_tree, limit=0.0, ticks=1) == 0.0
     of_a_session = imported(0.0).placed(np.array([0.0, 0.0, 0.001]), np.array([1.0, 0.0, 0.0, 0.0]))
-    assert placed(of_a_session).place == placed(fist(0.0)).place == "recorded"
+    assert placed(of_a_session).placement is placed(fist(0.0)).placement is None
 
 
 def test_where_it_begins_inside_anyway_it_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hhsim.scene.described_scene.place_at_grasp", lambda *_: SimpleNamespace(start_gap=-0.001))
     found = placed(imported(0.0))
-    assert (found.place, found.placement) == ("recorded", None)
+    assert found.placement is None
     assert "begins inside the object, and no other place was found: the hand would begin inside" in found.note
 
 
@@ -95,7 +95,7 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("hhsim.scene.described_scene.place_at_grasp", refuse)
     found = placed(fist())
-    assert (found.place, found.placement) == ("recorded", None)
+    assert found.placement is None
     assert found.note.endswith("no other place was found: no finger meets it")
     with pytest.raises(TrajectoryError):
         placed(fist(), "auto")

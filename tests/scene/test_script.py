@@ -32,9 +32,7 @@ def test_a_short_script_takes_the_documented_defaults() -> None:
     assert (script.rate, script.contact, script.depth, script.clearance) == (1000.0, True, 0.015, 0.005)
     assert (script.palm_gap, script.palm_depth, script.start_distance, script.curl) == (0.005, 0.0, 0.12, 1.0)
     assert script.disturbance == Disturbance()
-    assert script.duration == 0.75
-    assert script.sample_count == 750
-    assert script.fingers == ("index",)
+    assert (script.duration, script.sample_count, script.fingers) == (0.75, 750, ("index",))
 
 
 def phase(name: str, more: str = "") -> str:
@@ -106,10 +104,9 @@ def test_a_script_that_is_made_for_one_object_says_so() -> None:
 
 def test_a_place_out_of_reach_is_refused() -> None:
     far = Placement("", np.array([1.0, 0.0, 0.0]), np.array([1.0, 0, 0, 0]), np.array([1.0, 0.0, 0.0]))
-    with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
-        planned(load_script("pinch"), HAND, BALL, placement=far)
-    with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
-        planned(load_script("whole-hand"), HAND, BALL, placement=far)
+    for name in ("pinch", "whole-hand"):
+        with pytest.raises(TrajectoryError, match="cannot reach the object from its place"):
+            planned(load_script(name), HAND, BALL, placement=far)
 
 
 def test_the_other_hand_s_place_is_a_mirror_image() -> None:

@@ -1,15 +1,14 @@
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, row
 
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.trajectory import Trajectory
-from hhsim.motion.tremor import Disturbance
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
@@ -69,7 +68,6 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = load_script("grasp")
-    noise = Disturbance(tremor_position=1e-4, tremor_rotation=0.0035, sensor_counts=4096, sensor_noise=0.001)
     quiet = []
     for seed in (0, 5):
         # It searches twice, too.
@@ -77,7 +75,8 @@ def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_nois
         monkeypatch.setattr(closure_search, "cache_root", lambda folder=tmp_path / str(seed): folder)
         quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
     assert quiet[0] == quiet[1]
-    shaken = replace(script, disturbance=noise)
+    tremor, sensor = {"position": 1e-4, "rotation": 0.0035}, {"counts": 4096, "noise": 0.001}
+    shaken = structs.replace(script, tremor=tremor, sensor=sensor)
     noisy = [synthesize(shaken, HAND, ball(0.035), seed) for seed in (0, 5)]
     assert bytes_of(noisy[0]) != bytes_of(noisy[1])
     still = synthesize(script, HAND, ball(0.035))
@@ -110,7 +109,9 @@ def test_any_rate_and_any_order_of_closings() -> None:
 def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_them() -> None:
     script = load_script("carry")
     (carry,) = (phase for phase in script.phases if phase.name == "carry")
-    still = replace(script, phases=tuple(replace(p, name="hold") if p is carry else p for p in script.phases))
+    assert carry.distance and carry.turn
+    hold = ScriptPhase("hold", carry.duration)
+    still = structs.replace(script, phases=tuple(hold if p is carry else p for p in script.phases))
     motion, held = synthesize(script, HAND, ball(0.035)), synthesize(still, HAND, ball(0.035))
     assert motion.object_motion is not None and held.object_motion is None
     way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
@@ -142,7 +143,7 @@ def test_a_shake_begins_and_ends_at_rest_and_goes_nearly_as_far_as_it_says() -> 
 def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middle() -> None:
     script = load_script("pinch")
     phases = (ScriptPhase("lift", 0.5, distance=0.1), ScriptPhase("turn", 0.5, turn=0.8))
-    script = replace(script, phases=(*phases, ScriptPhase("shake", 1.0, distance=0.02, cycles=2.0)))
+    script = structs.replace(script, phases=(*phases, ScriptPhase("shake", 1.0, distance=0.02, cycles=2.0)))
     time = np.arange(2001) / 1000.0
     # The palm looks down, its fingers along y and a little up.
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
@@ -32,7 +33,7 @@ MICROMETRE = 1e-6
 def still_laptop(surface: str, angle: float, ticks: int) -> Scene:
     motion = resolve_trajectory("close")
     assert isinstance(motion, Script)
-    moved = replace(motion, joints=(("lid", ((0.0, angle),)),))
+    moved = structs.replace(motion, joints={"lid": ((0.0, angle),)})
     scene = open_scene("laptop", moved, solid=surface == "spheres", level=3 if surface == "spheres" else 1)
     return scene.first(ticks)
 

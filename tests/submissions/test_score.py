@@ -252,10 +252,7 @@ def replayed(scene: Scene, path: Path) -> Submission:
     solver = SceneSolver(scene, SolverOptions())
     # A submission is in the frame of the scene, and bodies are where their meshes were written.
     begun = {body.name: body.position for body in solver.scene.solids}
-    run = Replay(solver)
-    with run.writer(path, ()):
-        run.go(lambda *_: None)
-        run.finish()
+    Replay(solver).into(path)
     assert all(np.array_equal(begun[body.name], body.position) for body in scene.solids), "a body was raised"
     result, bodies = load_result(path), {}
     for name, body in free_bodies(scene).items():

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from hhsim.arrays import AnyArray, BoolArray, FloatArray
@@ -130,8 +131,9 @@ def make_stage(scenario: Scenario, hand: HandModel, tree: SphereTree, instances:
         motions = [synthesize(script, hand, tree, seed).resampled(RATE)]
     else:
         durations = [SHORT_PHASES.get(phase.name, SHORT_CLOSING) for phase in script.phases]
-        phases = tuple(replace(phase, duration=time) for phase, time in zip(script.phases, durations) if time > 0.0)
-        script = replace(script, phases=phases, start_distance=SHORT_WAY)
+        shorter = zip(script.phases, durations)
+        phases = tuple(structs.replace(phase, duration=time) for phase, time in shorter if time > 0.0)
+        script = structs.replace(script, phases=phases, start_distance=SHORT_WAY)
         places = _places(scenario, script, hand, tree, seed)
         count = min(instances, scenario.instances)
         motions = [_instance(scenario, script, hand, tree, places) for _ in range(count)]
