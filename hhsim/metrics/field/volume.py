@@ -5,7 +5,6 @@ The hand at a frame is its skin, closed at the wrist, or the union of its round 
 
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +13,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.palm_mesh import RoundCones
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.mesh import Mesh
-from hhsim.mesh.topology import manifold_of
+from hhsim.mesh.topology import boundary_loops, manifold_of
 from hhsim.metrics.field.hands import FieldHands
 from hhsim.metrics.mesh_penetration import sampled
 
@@ -32,17 +31,10 @@ def closed_skin(skin: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray
 
     Vertices [m], (T, V, 3), get one more a border, and triangles, (F, 3), are wound outward if those of the skin are.
     """
-    edges = {(int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1))}
-    following = {b: a for a, b in edges if (b, a) not in edges}
-    corners, middles = [*faces.tolist()], [skin]
-    while following:
-        border = [next(iter(following))]
-        while (after := following.pop(border[-1], None)) is not None:
-            border.append(after)
-        middle = skin.shape[1] + len(middles) - 1
-        corners += [(middle, a, b) for a, b in pairwise(border)]
-        middles.append(skin[:, border[:-1]].mean(axis=1, keepdims=True))
-    return np.concatenate(middles, axis=1), np.array(corners, dtype=np.int64)
+    loops, first = boundary_loops(faces), skin.shape[1]
+    fans = [np.stack([np.full(len(loop), first + k), np.roll(loop, -1), loop], axis=1) for k, loop in enumerate(loops)]
+    middles = [skin[:, loop].mean(axis=1, keepdims=True) for loop in loops]
+    return np.concatenate([skin, *middles], axis=1), np.concatenate([faces, *fans])
 
 
 def hand_solids(hands: FieldHands) -> Callable[[int], "list[Manifold] | None"] | None:
