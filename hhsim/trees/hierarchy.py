@@ -63,7 +63,7 @@ def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) ->
         for node in range(first, last):
             enclosing_sphere(center, radius, nodes[node], sphere)
             spheres.append(sphere.copy()[None])
-            for group in _split(center, nodes[node], min(branching, len(nodes[node])), capacity):
+            for group in halved_groups(center, nodes[node], min(branching, len(nodes[node])), capacity):
                 nodes.append(group)
                 levels.append(depth + 1)
                 parents.append(node)
@@ -79,8 +79,11 @@ def _grow(center: FloatArray, radius: FloatArray, level: int, branching: int) ->
     return tree, leaves
 
 
-def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) -> list[IntArray]:
-    """Halve along the principal axis until there are `groups` groups of nearly equal size, none above `capacity`."""
+def halved_groups(center: FloatArray, members: IntArray, groups: int, capacity: int) -> list[IntArray]:
+    """Halve members along principal axes until there are `groups` of nearly equal size, none above `capacity`.
+
+    Members are rows of `center`, places of shape (n, 3).
+    """
     if groups == 1:
         return [members]
     left = groups // 2
@@ -91,6 +94,6 @@ def _split(center: FloatArray, members: IntArray, groups: int, capacity: int) ->
     rows = np.ascontiguousarray(points.T)
     spread = dot(rows[:, None], rows)
     order = matmul(points, principal_axes(spread)[1][:, 2]).argsort(kind="stable")
-    return _split(center, members[order[:count]], left, capacity) + _split(
+    return halved_groups(center, members[order[:count]], left, capacity) + halved_groups(
         center, members[order[count:]], groups - left, capacity
     )

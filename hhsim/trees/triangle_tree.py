@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhsim.arrays import FloatArray, IntArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError
+from hhsim.kernels.enclosing_sphere import enclosing_sphere
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.contact_surface import encloses
-from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.hierarchy import build_hierarchy, halved_groups
 from hhsim.trees.options import MOST_LEVEL, TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -28,14 +29,14 @@ OPTIONS = {"around": "triangles"}
 
 def triangle_tree(mesh: Mesh, level: int) -> SphereTree:
     """Build a tree whose leaves, at most 8 ** level, cover every triangle of a mesh [m]."""
-    center, radius = _around(_pieces(mesh.triangles, BRANCHING**level))
-    groups = _grouped(center, BRANCHING**level)
-    leaf, size = np.empty((len(groups), 3)), np.empty(len(groups))
-    for i, members in enumerate(groups):
-        low, high = center[members].min(axis=0), center[members].max(axis=0)
-        leaf[i] = 0.5 * (low + high)
-        size[i] = (np.linalg.norm(center[members] - leaf[i], axis=1) + radius[members]).max()
-    tree = build_hierarchy(leaf, size, level, BRANCHING)
+    pieces = _pieces(mesh.triangles, BRANCHING**level)
+    count = min(len(pieces), BRANCHING**level)
+    corners, sizes = np.ascontiguousarray(pieces.reshape(-1, 3)), np.zeros(3 * len(pieces))
+    leaves = np.empty((count, 4))
+    groups = halved_groups(pieces.mean(axis=1), np.arange(len(pieces)), count, -(-len(pieces) // count))
+    for leaf, members in zip(leaves, groups, strict=True):
+        enclosing_sphere(corners, sizes, (3 * members[:, None] + np.arange(3)).ravel(), leaf)
+    tree = build_hierarchy(leaves[:, :3], leaves[:, 3], level, BRANCHING)
     return replace(tree, mesh_sha256=mesh.sha256, options={**OPTIONS, "level": level})
 
 
@@ -103,34 +104,3 @@ def _pieces(triangles: FloatArray, most: int) -> FloatArray:
         kept = np.delete(pieces, split, axis=0)
         pieces = np.concatenate([kept, np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
     return pieces
-
-
-def _around(triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ball around each triangle: on its longest side where that is wide enough, else around its middle."""
-    side = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
-    rows, first = np.arange(len(triangles)), side.argmax(axis=1)
-    on_side = 0.5 * (triangles[rows, first] + triangles[rows, (first + 1) % 3])
-    best, size = on_side, np.linalg.norm(triangles - on_side[:, None], axis=2).max(axis=1)
-    middle = triangles.mean(axis=1)
-    other = np.linalg.norm(triangles - middle[:, None], axis=2).max(axis=1)
-    smaller = other < size
-    return np.where(smaller[:, None], middle, best), np.where(smaller, other, size)
-
-
-def _grouped(center: FloatArray, most: int) -> list[IntArray]:
-    """Halve the places along their widest side until there are no more than `most` groups."""
-    groups = [np.arange(len(center))]
-    if len(center) <= most:
-        return [np.array([i]) for i in range(len(center))]
-    while len(groups) < most:
-        halves = []
-        for members in groups:
-            if len(members) == 1:
-                halves.append(members)
-                continue
-            place = center[members]
-            axis = int(np.ptp(place, axis=0).argmax())
-            order = members[np.argsort(place[:, axis], kind="stable")]
-            halves += [order[: len(order) // 2], order[len(order) // 2 :]]
-        groups = halves
-    return groups
