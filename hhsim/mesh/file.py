@@ -9,7 +9,7 @@ from codecs import BOM_UTF8
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -37,22 +37,13 @@ COARSEST = 1e-3
 """Largest resolution that numbers far from the origin may leave, as a share of the mesh's longest extent."""
 
 
-class MeshOfFile(NamedTuple):
-    """Triangles of a mesh file, unmerged; the parts of a scene are joined in its frame."""
-
-    vertices: FloatArray  # in the unit of the file, shape (V, 3)
-    faces: IntArray  # corner indices, shape (F, 3)
-    metre: float | None = None  # length of the unit that the file states [m]; None if it states none
-    warnings: tuple[str, ...] = ()  # suspicions, a sentence each
-
-
 def read_triangles(path: Path) -> tuple[FloatArray, IntArray]:
     """Read vertices (V, 3) and faces (F, 3) as `read_mesh`, in metres where the file states its unit, else in that."""
     found = read_mesh(path)
     return found.vertices * (found.metre or 1.0), found.faces
 
 
-def read_mesh(path: Path) -> MeshOfFile:
+def read_mesh(path: Path) -> Triangles:
     """Read a mesh file.
 
     Raises InputError for no such file, or a folder; MeshError for an unknown format, a broken file, one without
@@ -114,22 +105,21 @@ def _require_resolution(vertices: FloatArray, name: str) -> None:
         raise MeshError(f"{name}: {far}: move it to the origin, in the program that made it")
 
 
-def _joined(path: Path, kind: str) -> MeshOfFile:
+def _joined(path: Path, kind: str) -> Triangles:
     """Read all meshes of a file, and import the rest of what the format needs; errors as of `read_mesh`."""
-    found, metres = list[Triangles](), set[float | None]()
+    found = list[Triangles]()
     for name, content, each, resolver in _files(path, kind):
         try:
-            parts, metre = _parts(content, each, resolver)
+            found += _parts(content, each, resolver)
         except MeshError as error:
             raise MeshError(f"{name}: {error}") from error
-        found += parts
-        metres.add(metre)
     if not found:
         raise MeshError(f"{path}: no triangles; expected a surface mesh")
+    metres = {part.metre for part in found}
     if len(metres) > 1:
         raise MeshError(f"{path}: it holds meshes of several units; expected those of one")
     starts = np.cumsum([0] + [len(part.vertices) for part in found[:-1]])
-    return MeshOfFile(
+    return Triangles(
         np.concatenate([part.vertices for part in found]),
         np.concatenate([part.faces + start for part, start in zip(found, starts)]),
         metres.pop(),
@@ -137,8 +127,8 @@ def _joined(path: Path, kind: str) -> MeshOfFile:
     )
 
 
-def _parts(content: bytes, kind: str, resolver: Any) -> tuple[list[Triangles], float | None]:
-    """Return the meshes in the content of a file that have triangles, and the length of its unit [m]; None for none.
+def _parts(content: bytes, kind: str, resolver: Any) -> list[Triangles]:
+    """Return the meshes in the content of a file that have triangles.
 
     The number of triangles is held against what the file states.
     """
@@ -147,7 +137,7 @@ def _parts(content: bytes, kind: str, resolver: Any) -> tuple[list[Triangles], f
             read = READERS[kind](content)
         except (MeshError, ValueError) as error:
             raise MeshError(f"cannot be read as .{kind}: {error}") from error
-        return [read] if len(read.faces) else [], None
+        return [read] if len(read.faces) else []
     import trimesh
 
     stated = STATED[kind](content) if kind in STATED else None
@@ -161,13 +151,15 @@ def _parts(content: bytes, kind: str, resolver: Any) -> tuple[list[Triangles], f
     except ImportError as error:
         raise MeshError(f"cannot be read as .{kind} without the package {error.name or error}") from error
     if kind == "ply":
-        return [_of_ply(mesh, content) for mesh in meshes], None
+        return [_of_ply(mesh, content) for mesh in meshes]
     lost = 0 if stated is None else stated.triangles - sum(len(mesh.faces) for mesh in meshes)
     if stated is not None and lost:
         what = f"{stated.triangles - lost:,} triangles of the {stated.triangles:,} that it states were read"
         raise MeshError(f"{what}: save it anew, as plain triangles")
-    parts = [Triangles(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)) for mesh in meshes]
-    return parts, None if stated is None else stated.metre
+    metre = None if stated is None else stated.metre
+    return [
+        Triangles(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64), metre) for mesh in meshes
+    ]
 
 
 def _of_ply(mesh: Any, content: bytes) -> Triangles:

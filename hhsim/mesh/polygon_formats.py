@@ -20,11 +20,12 @@ _STL_FACET = np.dtype([("normal", "<f4", 3), ("corner", "<f4", (3, 3)), ("attrib
 
 
 class Triangles(NamedTuple):
-    """Triangles of a file, and what is suspicious about it, a sentence each."""
+    """Triangles of a file, unmerged; the parts of a scene are joined in its frame."""
 
     vertices: FloatArray  # in the unit of the file, shape (V, 3)
     faces: IntArray  # corner indices, shape (F, 3)
-    warnings: tuple[str, ...] = ()
+    metre: float | None = None  # length of the unit that the file states [m]; None if it states none
+    warnings: tuple[str, ...] = ()  # suspicions, a sentence each
 
 
 def text_of(content: bytes) -> str:
@@ -95,7 +96,7 @@ def read_stl(content: bytes) -> Triangles:
     ends = len(re.findall(r"^\s*endsolid\b", text, re.MULTILINE))
     is_cut = ends < len(re.findall(r"^\s*solid\b", text, re.MULTILINE))
     faces = np.arange(len(rows)).reshape(-1, 3)
-    return Triangles(_numbers(rows), faces, (NO_END,) if is_cut else ())
+    return Triangles(_numbers(rows), faces, warnings=(NO_END,) if is_cut else ())
 
 
 READERS: Mapping[str, Callable[[bytes], Triangles]] = {
