@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray, FloatArray
-from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape, stored_hands
 from hhsim.hand.model import HandModel
@@ -109,36 +108,35 @@ def distance_of_hands(hands: Sequence[HandModel], placed: Sequence[PlacedHand]) 
     return found
 
 
-def force_variation_rate(force: ArrayLike) -> FloatArray:
+def force_variation_rate(force: FloatArray) -> FloatArray:
     """One-tick change of the force's size, |‖F_t‖ - ‖F_{t-1}‖| / ‖F_{t-1}‖ [%]: the paper's stability measure.
 
     Of a force (T, 3) [N], or (T, 5, 3) for the fingers at once; shape (T,), or (T, 5). Undefined (NaN) where ‖F_{t-1}‖
     is below `FORCE_FLOOR`, and at the first tick.
     """
-    return _rate(np.linalg.norm(_vectors(force), axis=-1), FORCE_FLOOR)
+    return _rate(np.linalg.norm(force, axis=-1), FORCE_FLOOR)
 
 
-def component_variation_rate(force: ArrayLike, floor: float = FORCE_FLOOR) -> FloatArray:
+def component_variation_rate(force: FloatArray, floor: float = FORCE_FLOOR) -> FloatArray:
     """Variation rate of each component, |F_{t,i} - F_{t-1,i}| / |F_{t-1,i}| [%]; shape as `force`.
 
     NaN where the component is below the floor, however strong the others are.
     """
-    return _rate(_vectors(force), floor)
+    return _rate(force, floor)
 
 
-def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], high: float = RIPPLE_BAND[1]) -> float:
+def force_ripple(force: FloatArray, rate: float, low: float = RIPPLE_BAND[0], high: float = RIPPLE_BAND[1]) -> float:
     """RMS [N] of a force (T, 3) of one uninterrupted phase between `low` and `high` [Hz], all components together.
 
     The best straight line is removed from each component, since a hold drifts, and a Hann window keeps slow motion out
     of the band; its power is divided out, so that a vibration of amplitude A in the band gives A/√2. NaN with fewer
     than 4 · rate / low ticks (80 at 1 kHz) of `rate` [Hz], where the band cannot be told from the trend.
     """
-    vectors = _vectors(force)
-    ticks = vectors.shape[0]
+    ticks = force.shape[0]
     if ticks < RIPPLE_BINS * rate / low or low >= 0.5 * rate:
         return np.nan
     time = np.linspace(-1.0, 1.0, ticks)
-    centred = vectors - vectors.mean(axis=0)
+    centred = force - force.mean(axis=0)
     detrended = centred - np.outer(time, time @ centred / (time @ time))
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(ticks) / ticks)
     power = np.abs(np.fft.rfft(detrended * window[:, None], axis=0)) ** 2 / (ticks * (window @ window))
@@ -148,21 +146,20 @@ def force_ripple(force: ArrayLike, rate: float, low: float = RIPPLE_BAND[0], hig
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
 
 
-def force_step(force: ArrayLike, moving: BoolArray, hold: BoolArray, grip: FloatArray | None = None) -> float:
+def force_step(force: FloatArray, moving: BoolArray, hold: BoolArray, grip: FloatArray | None = None) -> float:
     """Largest one-tick change of the total force (T, 3) [N] while moving, ‖F_t - F_{t-1}‖ over the mean hold force [%].
 
     Each tick of the mask `moving` (T,) is compared with the tick before. The hold force is the size of the total force,
     or `grip` (T,) [N]. NaN where its mean in the mask `hold` is below `FORCE_FLOOR`, or a phase is empty.
     """
-    vectors = _vectors(force)
-    change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
-    held = (np.linalg.norm(vectors, axis=1) if grip is None else grip)[np.asarray(hold, dtype=bool)]
+    change = np.linalg.norm(np.diff(force, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
+    held = (np.linalg.norm(force, axis=1) if grip is None else grip)[np.asarray(hold, dtype=bool)]
     if change.size == 0 or held.size == 0 or not held.mean() >= FORCE_FLOOR:
         return np.nan
     return float(100.0 * change.max() / held.mean())
 
 
-def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | None = None) -> float:
+def contact_force_step(force: FloatArray, touch: BoolArray, breaks: BoolArray | None = None) -> float:
     """Largest one-tick change of the total force (T, 3) in contact, ‖F_t - F_{t-1}‖ [N]; NaN without contact.
 
     Ticks in contact `touch`, shape (T,), are compared with both neighbours, so that a sudden begin or end counts; those
@@ -172,42 +169,38 @@ def contact_force_step(force: ArrayLike, touch: BoolArray, breaks: BoolArray | N
     compared = touching[1:] | touching[:-1]
     if breaks is not None:
         compared = compared & ~np.asarray(breaks, dtype=bool)[1:]
-    change = np.linalg.norm(np.diff(_vectors(force), axis=0), axis=1)[compared]
+    change = np.linalg.norm(np.diff(force, axis=0), axis=1)[compared]
     return float(change.max()) if change.size else np.nan
 
 
-def posture_jump(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
+def posture_jump(haptic: FloatArray, graphic: FloatArray) -> FloatArray:
     """Jump of the shown hand in one tick beyond the user's motion [m], shape (T,); NaN at the first tick.
 
     The largest motion of a graphic point (T, M, 3) less that of a haptic point (T, N, 3) [m], world, at least 0.
     """
     jump: FloatArray = np.full(np.shape(haptic)[0], np.nan)
-    theirs, ours = (
-        np.linalg.norm(np.diff(np.asarray(points, dtype=np.float64), axis=0), axis=2).max(axis=1)
-        for points in (haptic, graphic)
-    )
+    theirs, ours = (np.linalg.norm(np.diff(points, axis=0), axis=2).max(axis=1) for points in (haptic, graphic))
     jump[1:] = np.maximum(0.0, ours - theirs)
     return jump
 
 
-def frozen_decay(force: ArrayLike) -> int | None:
+def frozen_decay(force: FloatArray) -> int | None:
     """Number of ticks that a force changes after the input has frozen; None if the last tick still changed.
 
     The least n such that ‖F_t - F_{t-1}‖ <= `FROZEN_LIMIT` · max(‖F_{t-1}‖, `FORCE_FLOOR`) for every t > n; a limit
     cycle has none, even at a constant size of the force. None for fewer than two ticks, too. `force` [N], shape (T, 3),
     begins with the first tick of frozen input.
     """
-    vectors = _vectors(force)
-    if vectors.shape[0] < 2:
+    if force.shape[0] < 2:
         return None
-    size = np.maximum(np.linalg.norm(vectors[:-1], axis=1), FORCE_FLOOR)
-    change = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
+    size = np.maximum(np.linalg.norm(force[:-1], axis=1), FORCE_FLOOR)
+    change = np.linalg.norm(np.diff(force, axis=0), axis=1)
     # Written so that NaN counts as moving.
     moving = np.flatnonzero(~(change <= FROZEN_LIMIT * size))
     if moving.size == 0:
         return 0
     last = int(moving[-1]) + 1
-    return last if last < vectors.shape[0] - 1 else None
+    return last if last < force.shape[0] - 1 else None
 
 
 def tracking_energy(haptic: HandConfiguration, graphic: HandConfiguration, stiffness: ArrayLike) -> FloatArray:
@@ -236,11 +229,6 @@ def tracking_excess(energy: ArrayLike, reference: ArrayLike) -> FloatArray:
     return excess
 
 
-def palm_distance_mm(haptic: ArrayLike, graphic: ArrayLike) -> FloatArray:
-    """Distance of the palms (T, 3) [m] of haptic and graphic hand at each tick [mm], shape (T,)."""
-    return np.asarray(1e3 * np.linalg.norm(np.asarray(haptic) - np.asarray(graphic), axis=1))
-
-
 def tick_statistics(duration: ArrayLike) -> TickStatistics:
     """Compute p50, p99 and maximum [µs] of durations (T,) [ns], interpolated, and share over 1 ms; NaN for no ticks."""
     array = np.asarray(duration, dtype=np.float64).ravel()
@@ -249,13 +237,6 @@ def tick_statistics(duration: ArrayLike) -> TickStatistics:
     p50, p99 = np.percentile(array, [50.0, 99.0]) / 1e3
     over = float(np.mean(array > TICK_BUDGET))
     return TickStatistics(float(p50), float(p99), float(array.max()) / 1e3, over, array.size)
-
-
-def _vectors(force: ArrayLike) -> FloatArray:
-    array = np.asarray(force, dtype=np.float64)
-    if array.ndim < 2 or array.shape[-1] != 3:
-        raise InputError(f"force has shape {array.shape}, expected (T, 3) or (T, fingers, 3)")
-    return array
 
 
 def _rate(values: FloatArray, floor: float) -> FloatArray:

@@ -137,8 +137,7 @@ def energy_gains(run: RunTicks) -> FloatArray:
     spring, by the contacts' moments about its axes; the clearance ε, by which a contact may push bodies apart in a
     tick, times the normal forces; and the rounding of poses: `ROUNDING` times m |v| / Δt, m g and the springs' force.
     """
-    free = run.free
-    assert free is not None
+    free = _free(run)
     user, shown = (
         HandConfiguration(free.moved.points(run[at]), free.moved.orientations(run[turn]), run[bend], run[spread])
         for at, turn, bend, spread in (HAPTIC, GRAPHIC)
@@ -166,8 +165,7 @@ def energy_gains(run: RunTicks) -> FloatArray:
 
 def _pushed_by_others(run: RunTicks) -> BoolArray:
     """Return True for ticks in which the force on the hand is not that of its contacts with the object, (T,)."""
-    free = run.free
-    assert free is not None
+    free = _free(run)
     own = np.flatnonzero(free.of_hand)
     force = free.force[own]
     total, tick = np.zeros((run.ticks, 3)), free.contacts["tick"][own]
@@ -195,8 +193,7 @@ def _by_others(free: FreeRun) -> FloatArray:
 
 def _by_spread(run: RunTicks, shown: HandConfiguration) -> FloatArray:
     """Work of the user by spreading the fingers [J], shape (T,)."""
-    free, hand = run.free, run.hand
-    assert free is not None
+    free, hand = _free(run), run.hand
     step = np.diff(shown.abduction, axis=0, prepend=shown.abduction[:1])
     body, tick = free.contacts["body"], free.contacts["tick"]
     # Neither the table nor the palm is on a finger.

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hhsim.metrics.metrics import palm_distance_mm, statistics
+from hhsim.metrics.metrics import statistics
 from hhsim.metrics.run_metric import Judged, RunMetric
 from hhsim.metrics.run_ticks import PLACED, TOUCHING, RunTicks
 
@@ -40,7 +40,7 @@ METRICS = (
     ),
     RunMetric(
         "tracking_palm", "palm off the user's in the hold, mean", digits=2, unit="mm", needs=(USER, SHOWN),
-        compute=lambda run: 1e-3 * statistics(palm_distance_mm(run[USER], run[SHOWN]), run.hold).mean,
+        compute=lambda run: statistics(np.linalg.norm(run[USER] - run[SHOWN], axis=1), run.hold).mean,
         judged=Judged(rounding=1e-9, limit=0.02),
     ),
     _correction("palm", "mean", "palm"),
