@@ -121,7 +121,7 @@ def repair(
         bodies = checked_bodies(DeclaredBodies.of_mesh(object_), object_.name)
     else:
         bodies = bodies_of(request)
-    made = prepared(request, read, held, bodies, lambda *_: None, fitted)
+    made = prepared(request, read, held, bodies, fitted=fitted)
     recorded = made.recorded
     seen, marked = corrected(max_correction, recorded, made.touched, None, progress)
     correction = recorded.in_the_world(seen, made.recording)

@@ -281,11 +281,10 @@ class Projection:
         self.written, self.judge = written, judge
         self.recorded = written.moved(written.axes, written.fitted)
 
-    def at(self, t: int) -> "Projection":
-        """Return that of a single frame."""
-        one = copy(self)
-        frame = slice(t, t + 1)
-        one.written, one.judge, one.recorded = self.written.at(frame), self.judge.at(t), self.recorded[frame]
+    def at(self, frames: int | slice) -> "Projection":
+        """Return that of some frames, or of a single one."""
+        one, part = copy(self), slice(frames, frames + 1) if isinstance(frames, int) else frames
+        one.written, one.judge, one.recorded = self.written.at(part), self.judge.at(part), self.recorded[part]
         return one
 
     def clearance(self, posture: HandConfiguration) -> FloatArray:

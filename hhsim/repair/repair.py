@@ -1,8 +1,8 @@
 """Repair of one recording: from its file to the same file without penetration, its result and its figures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
@@ -100,8 +100,9 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
-    recording, skin_of = in_our_units(request.recording, read), partial(_skin, request.recording, read)
-    recording, recorded, touched, skin = prepared(request, read, recording, bodies, skin_of)
+    recording = in_our_units(request.recording, read)
+    skin = _skin(request.recording, read, recording)
+    recording, recorded, touched = prepared(request, read, recording, bodies, skin)
     check_target(request.recording, recording, request.out)
     scene, began = recorded.scene, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
@@ -186,7 +187,6 @@ class Prepared(NamedTuple):
     recording: Recording  # in our units, with the angles of the fitted hand
     recorded: RecordedScene
     touched: GivenObject
-    skin: Skin | None
 
 
 def prepared(
@@ -194,12 +194,12 @@ def prepared(
     read: ReadOptions,
     recording: Recording,
     bodies: DeclaredBodies,
-    skin_of: Callable[[Recording], Skin | None],
+    skin: Skin | None = None,
     fitted: HandModel | None = None,
 ) -> Prepared:
     """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair.
 
-    `fitted` is a hand that was fitted before, to other samples of the recorded hand.
+    `skin` is that of the recorded hand, `fitted` a hand that was fitted before, to other samples of it.
     """
     for mesh in bodies.meshes.values():
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
@@ -218,7 +218,6 @@ def prepared(
         else:
             recording, text = fitted_hand(recording, request.recording.name)
             hand = HandModel.of_text(text, FITTED, side)
-    skin = skin_of(recording)
     if skin is None:
         hand = with_palm(hand, request.palm) if fitted is None else hand
     else:
@@ -245,7 +244,7 @@ def prepared(
     touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
     notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
     recording = recording.found(*map(note, notes))
-    return Prepared(recording, recorded, touched, skin)
+    return Prepared(recording, recorded, touched)
 
 
 def corrected(

@@ -71,7 +71,7 @@ def field_score(
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
     request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses, hand=before.hand)
     bodies = checked_bodies(DeclaredBodies.of_mesh(mesh), mesh.name)
-    made = prepared(request, read, before, bodies, lambda *_: None)
+    made = prepared(request, read, before, bodies)
     scene = made.recorded
     fitted = HandConfiguration.of(in_angles_of(after, scene.hand)).at(scene.frames)
     posture = scene.seen_hand(after, seen_hand(fitted, scene.moved))

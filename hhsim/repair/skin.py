@@ -17,7 +17,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
-from hhsim.metrics.field.hands import Bodies
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
 from hhsim.recordings.registry import BONES, Correction, moved_joints
@@ -139,18 +138,6 @@ def carried(
     return np.asarray((blend @ vertices[..., None])[..., 0] + weights @ shift)
 
 
-def skin_depth(bodies: Bodies, vertices: FloatArray) -> FloatArray:
-    """Compute how deep the deepest vertex of each frame lies inside watertight bodies [m], (T,), 0 outside.
-
-    Vertices [m] have shape (T, V, 3).
-    """
-    depth = np.empty(len(vertices))
-    for first in range(0, len(vertices), BLOCK_FRAMES):
-        block = slice(first, min(first + BLOCK_FRAMES, len(vertices)))
-        depth[block] = np.maximum(-bodies.at(block).distance(vertices[block]).min(axis=1), 0.0)
-    return depth
-
-
 class WrittenSkin(WrittenHand):
     """Writes corrections of recorded joints with the skin of the hand, whose vertices have to be outside."""
 
@@ -220,12 +207,10 @@ def push_out(
     of `moved_skin`, and both configurations are in one frame.
     """
     projection = SkinProjection(WrittenSkin(joints, judge.hand, fitted, False, skin), judge)
-    vertices = np.empty_like(skin.vertices)
-    for first in range(0, len(vertices), BLOCK_FRAMES):
+    depth = np.empty(len(joints))
+    for first in range(0, len(depth), BLOCK_FRAMES):
         some = slice(first, first + BLOCK_FRAMES)
-        part = projection.written.at(some)
-        vertices[some] = part.vertices(part.posed(posture.at(some)))
-    depth = skin_depth(judge.bodies, vertices)
+        depth[some] = np.maximum(-projection.at(some).clearance(posture.at(some)), 0.0)
     found, is_freed = posture.copy(), depth <= 0.0
     for frame in np.flatnonzero(~is_freed).tolist():
         one = projection.at(frame)

@@ -32,7 +32,7 @@ from hhsim.repair.projection import HandJudge
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import correct, repair_recording
 from hhsim.repair.request import RESULT, RepairOutcome, RepairRequest
-from hhsim.repair.skin import push_out, skin_depth
+from hhsim.repair.skin import push_out
 from hhsim.repair.tracks import repair_frames
 from hhsim.repair.written_hand import WrittenHand
 from hhsim.result.body import result_hand
@@ -291,7 +291,7 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
     trees = (cached_sphere_tree(meshes[0], TreeOptions(level=1)),) * 2
     parts = MovingParts("two", ("a", "b"), meshes, trees, np.stack(poses, axis=1), {})
     found = push_out(HandJudge(sample.hand, parts), sample.skin, sample.joints, sample.fitted, sample.fitted)
-    depth = skin_depth(Bodies.of(parts), sample.skin.vertices)
+    depth = np.maximum(-Bodies.of(parts).distance(sample.skin.vertices).min(axis=1), 0.0)
     for frame in range(12):
         inside = depth_in(shells(parts, frame), sample.skin.vertices[frame])
         assert depth[frame] == pytest.approx(max(0.0, inside.max()), abs=1e-9)

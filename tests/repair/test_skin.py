@@ -22,16 +22,7 @@ from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.metrics.field.hands import Bodies
 from hhsim.recordings.frames import FileFrame
 from hhsim.repair.projection import HandJudge
-from hhsim.repair.skin import (
-    PushedOut,
-    WrittenSkin,
-    cone_coordinates,
-    cone_gaps,
-    mano_skin,
-    moved_skin,
-    push_out,
-    skin_depth,
-)
+from hhsim.repair.skin import PushedOut, WrittenSkin, cone_coordinates, cone_gaps, mano_skin, moved_skin, push_out
 from hhsim.repair.skin_hull import Palm, ball_cover, fit_radii, hand_with_skin
 from hhsim.repair.written_hand import NUMBERS, bone_frames, changed_hand
 from hhsim.verify.mesh_distance import TrueSurface
@@ -96,6 +87,10 @@ def mesh_of(shape: trimesh.Trimesh, at: FloatArray) -> Mesh:
     return Mesh(np.array(shape.vertices) + at, np.array(shape.faces))
 
 
+def depth_in(mesh: Mesh, vertices: FloatArray) -> FloatArray:
+    return np.maximum(-Bodies.of(mesh).distance(vertices).min(axis=1), 0.0)
+
+
 def moved(sample: SkinSample, posture: HandConfiguration, changed: BoolArray) -> FloatArray:
     """Skin of a sample in a posture."""
     return moved_skin(sample.skin, sample.joints, correction_to(sample, posture, changed))
@@ -110,7 +105,7 @@ def test_depth_is_that_of_brute_force(seed: int) -> None:
     mesh = mesh_of(shape, random.normal(0.0, 0.01, 3))
     points = random.uniform(-0.05, 0.05, (4, 30, 3))
     points[0] += 1.0
-    depth = skin_depth(Bodies.of(mesh), points)
+    depth = depth_in(mesh, points)
     surface = TrueSurface(mesh)
     for frame, vertices in enumerate(points):
         inside = -surface.signed_distance(vertices)
@@ -136,8 +131,8 @@ def judged(sample: SkinSample, mesh: Mesh, found: PushedOut) -> None:
     for mine, given_one in zip(found.posture, sample.fitted):
         assert np.array_equal(mine[~changed], given_one[~changed])
     freed = moved(sample, found.posture, changed)
-    np.testing.assert_allclose(found.depth, skin_depth(Bodies.of(mesh), sample.skin.vertices), atol=1e-12)
-    assert ((skin_depth(Bodies.of(mesh), freed) <= 1e-12) == found.is_freed).all()
+    np.testing.assert_allclose(found.depth, depth_in(mesh, sample.skin.vertices), atol=1e-12)
+    assert ((depth_in(mesh, freed) <= 1e-12) == found.is_freed).all()
     surface = TrueSurface(mesh)
     for frame in np.flatnonzero(found.is_freed):
         assert surface.signed_distance(freed[frame]).min() >= 0.0
@@ -185,7 +180,7 @@ def test_any_place_is_freed(seed: int, name: str) -> None:
     start = correction_to(sample, shaken(sample, seed, 1.0), ALL).posture
     found = push_out(HandJudge(sample.hand, mesh), sample.skin, sample.joints, sample.fitted, start)
     assert found.is_freed.all()
-    assert skin_depth(Bodies.of(mesh), moved(sample, found.posture, ALL)).max() <= 1e-12
+    assert depth_in(mesh, moved(sample, found.posture, ALL)).max() <= 1e-12
 
 
 def test_an_object_that_leaves_no_room_is_marked() -> None:
