@@ -126,26 +126,11 @@ def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
 
 
 @jit
-def _turn(t: Array, first: int) -> None:
-    """Rotate the corners so that the one in column `first` comes first: among equal edges the first is halved."""
-    for k in range(3):
-        a, b, c = t[(first + k) % 9], t[(first + 3 + k) % 9], t[(first + 6 + k) % 9]
-        t[k], t[3 + k], t[6 + k] = a, b, c
-
-
-@jit
 def _halve_pairs(pair: Indices, corner: Array) -> None:
-    """Make the halves of a triangle, as `cut_faces` does, of each pair of its copies at i and i + 1; in place."""
+    """Make the halves of a triangle of each pair of its copies at i and i + 1; in place."""
     for i in pair:
-        t, s = corner[i], corner[i + 1]
-        longest, _ = longest_edge(triangle_at(corner, i))
-        a, b = 3 * longest, 3 * ((longest + 1) % 3)
-        for k in range(3):
-            middle = 0.5 * (t[a + k] + t[b + k])
-            t[a + k] = middle
-            s[b + k] = middle
-        _turn(t, a)
-        _turn(s, a)
+        triangle = triangle_at(corner, i)
+        halve_triangle(triangle, longest_edge(triangle)[0], corner[i : i + 2])
 
 
 def halve(micro: MicroTriangles, chosen: NDArray[np.bool_]) -> tuple[MicroTriangles, Indices]:
