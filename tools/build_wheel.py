@@ -71,7 +71,13 @@ def compile_all(cache: Path, report: Progress = silent) -> None:
         chains: list[tuple[str, ...]] = []
         for n, command in enumerate(COMMANDS):
             result = f"{place}/{n}.h5"
-            chains.append((f"{command} --out {result}", f"verify {result}", f"report {result} --out {place}/{n}.html"))
+            chains.append(
+                (
+                    f"{command} --out {result}",
+                    f"verify {result} --every 1000",
+                    f"report {result} --out {place}/{n}.html",
+                )
+            )
         for n, scene in enumerate(("", "cube --free --mass 0.1", f"cube {TWO_GLOVES}", f"cube --free {TWO_GLOVES}")):
             session = f"{place}/session-{n}.h5"
             chains.append((f"live glove {scene} --duration 1 --out {session}", f"replay {session}"))
