@@ -34,7 +34,7 @@ CALLEE_PREFIX = "callee-"
 
 
 def _symbol(name: str, kinds: Any, *, abi_tags: Any = (), uid: Any = None) -> str:
-    """Return the symbol of a function for types, which numba spells out: LLVM would read megabytes of names."""
+    """Return the symbol of a function for types: numba spells them out, and LLVM would read megabytes of names."""
     digest = hashlib.sha256("".join((*map(type_digest, kinds), *abi_tags)).encode()).hexdigest()[:16]
     return str(mangle(name, (digest,), uid=uid))
 

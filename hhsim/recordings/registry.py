@@ -218,7 +218,9 @@ def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Reco
     except DamagedFileError as error:
         raise TrajectoryError(str(error)) from None
     except ModuleNotFoundError as error:
-        raise TrajectoryError(f"{form.description}, is read by {error.name}: pip install {error.name}") from None
+        library = str(error.name).partition(".")[0]
+        how = f"pip install 'hhsim[recordings]', or {library}"
+        raise TrajectoryError(f"{form.description}, is read by {library}: {how}") from None
     recording = recording_of_joints(found, content, options) if isinstance(found, JointPositions) else found
     recording = recording.changed(form=recording.form or form.name, name=recording.name or content.name)
     return recording.found(*content.told())

@@ -3,6 +3,7 @@
 import io
 import json
 import struct
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -326,3 +327,9 @@ def test_mappings_need_a_file_time_and_columns_that_are_there(tmp_path: Path) ->
         read_column_map(tmp_path / "none.toml")
     with pytest.raises(HhsimError, match="Time"):
         read_as("csv", "a,b\n1,2\n", columns=parse_settings(GLOVE, ColumnMap, "glove.toml"))
+
+
+def test_a_library_that_is_missing_is_named_with_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mcap.stream_reader", None)
+    with pytest.raises(TrajectoryError, match=r"is read by mcap: pip install 'hhsim\[recordings\]', or mcap$"):
+        read_as("mcap", MCAP)
