@@ -36,7 +36,7 @@ HEAVY = {"click", "rich", "rerun", "trimesh", "qpsolvers", "clarabel", "matplotl
 
 KERNEL_IMPORTS = {"numpy", "numba", "llvmlite", "math", "typing", "collections", "functools", "sys", "time"}
 KERNEL_IMPORTS |= {"platform"}
-JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "jit_pasted", "generic", "cache"}
+JIT_FACTORY = {"jit", "jit_allocating", "jit_inline", "jit_noinline", "generic", "cache"}
 IMPLEMENTS = re.compile(r"\w+\.of\(\w+\)|lowered\([\w()]+\)")
 """How a kernel is declared for a type."""
 
@@ -149,17 +149,6 @@ def test_every_kernel_is_made_by_the_jit_factory() -> None:
             elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "numba" and node.attr in compilers:
                 found.append(f"{where}: calls numba.{node.attr}")
     assert found == []
-
-
-def test_only_what_returns_records_is_pasted_into_its_callers() -> None:
-    # Pasted code is typed and lowered once more for each caller.
-    pasted = [
-        node.name
-        for path in KERNELS.values()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef) and "jit_pasted" in map(ast.unparse, node.decorator_list)
-    ]
-    assert pasted == ["hands_of"]
 
 
 def test_the_library_imports_heavy_packages_where_it_uses_them() -> None:

@@ -93,11 +93,6 @@ def jit_noinline(function: F) -> F:
     return _compile(function, inlined=False)
 
 
-def jit_pasted(function: F) -> F:
-    """Compile a kernel that returns records, which a compiled function cannot, as a part of its callers."""
-    return _compile(function, inline="always")
-
-
 LOWERED = {float: types.float64, int: types.int64, bool: types.boolean, type(None): types.void}
 
 

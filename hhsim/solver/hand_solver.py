@@ -16,10 +16,10 @@ from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.self_pairs import self_clearance
+from hhsim.hand.self_pairs import cross_pairs, self_clearance, self_pairs
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.contact.contact_points import clearances
-from hhsim.kernels.contact.hand_pairs import hands_nearest
+from hhsim.kernels.contact.hand_pairs import hands_distance
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
@@ -246,9 +246,9 @@ def _clearances(workspace: TickWorkspace) -> list[float]:
 
 def part_fingers(workspace: TickWorkspace) -> bool:
     """Straighten the fingers of a hand that is in itself until it is not; return whether it was."""
-    own = workspace.tick_options.own.pairs
-    if not len(own.first):
+    if not workspace.options.self_contact:
         return False
+    own = self_pairs(workspace.model, workspace.options.fingers)
     pose, share = workspace.states[0].pose, np.linspace(1.0, 0.0, SHARES + 1)
     flexion, abduction = (share.reshape(-1, *[1] * values.ndim) * values for values in (pose.flexion, pose.abduction))
     flexion = np.clip(flexion, workspace.hand.flexion_min, workspace.hand.flexion_max)
@@ -289,10 +289,6 @@ def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Cal
                 break
             shift += max(clear, -found / len(positions))
     place(nearest)
-
-
-FAR = 10.0
-"""Distance [m] up to which hands that begin in each other, or may, are measured."""
 
 
 def keeps_hands_apart(options: SolverOptions) -> bool:
@@ -415,7 +411,7 @@ class WorldSolver:
         begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
         if two is None:
             return begun
-        parted = _part(self._spaces, two.world.meeting)
+        parted = _part(self._spaces)
         if parted:
             begun = [start | STATUS_START_INSIDE for start in begun]
         # Beside one body alone each hand has come as near as it can.
@@ -423,7 +419,7 @@ class WorldSolver:
             two.approach(START_LINEARISATIONS)
         elif self._has_free:
             two.begin()
-        two.world.is_near, two.world.apart = parted, 0.0
+        two.world.is_near = parted
         return begun
 
 
@@ -434,15 +430,15 @@ def _of_each(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock]
     return given, [TickRecord(*(values[h] for values in record)) for h in hands]
 
 
-def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
+def _part(spaces: Sequence[TickWorkspace]) -> bool:
     """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
-    arrays, states = tuple(space.hand for space in spaces), tuple(space.states[0] for space in spaces)
-    first, second = (state.pose for state in states)
+    pairs, (one, other) = cross_pairs(), (space.hand for space in spaces)
+    first, second = (space.states[0].pose for space in spaces)
 
     def distance() -> float:
-        for hand, state in zip(arrays, states):
-            update_kinematics(hand, state.pose)
-        return min(hands_nearest(arrays, states, FAR, pairs), *(clearance(space) for space in spaces))
+        update_kinematics(one, first)
+        update_kinematics(other, second)
+        return min(hands_distance(pairs, one, first, other, second), *(clearance(space) for space in spaces))
 
     if distance() >= 0.0:
         return False

@@ -252,11 +252,10 @@ def _solve_with(backend: str, method: Any) -> bool:
     loaded.count = len(pushing)
     loaded.row[: len(pushing)], loaded.multiplier[: len(pushing)] = rows[pushing], solution.multiplier[pushing]
     loaded.key[: len(pushing)] = problem.key[rows[pushing]]
-    first = problem.own_row[0]
-    problem.own_multiplier[0] = 0.0
+    world.hand_pairs.multiplier[:] = 0.0
     for row, force in zip(rows[pushing], solution.multiplier[pushing]):
         if row >= problem.dense_row:
-            problem.own_multiplier[0, row - first] = force
+            world.hand_pairs.multiplier[row - problem.dense_row] = force
     take_hand_steps(method.states, problem)
     return True
 
@@ -268,8 +267,7 @@ def dense_problem(method: Any) -> tuple[QpProblem, IntArray]:
     """
     world, states = method.world[0], method.states
     problem, state = world.problem, states[0]
-    row, relaxed = contact_groups(states, problem, world.meeting), bool(state.program.is_relaxed)
-    end_rows(states, method.options.offset, relaxed, row, problem, world.meeting)
+    end_rows(states, method.options.offset, contact_groups(states, problem), problem, world.hand_pairs)
     names = "group_start", "group_stop", "group_block"
     groups = zip(*(problem[name][: problem.groups] for name in names))
     common, count = common_count(problem), variable_count(problem)

@@ -15,19 +15,9 @@ from numpy.typing import NDArray
 from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
-from hhsim.hand.self_pairs import self_pairs
 from hhsim.kernels.by_reference import Reference, write_rows
 from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, SurfaceCode, count_pairs, evaluate, find_contacts
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
-from hhsim.kernels.contact.self_pairs import (
-    OwnParts,
-    SelfPairs,
-    add_bends,
-    add_rows,
-    clear_fraction,
-    foresee_rows,
-    measure_pairs,
-)
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
 from hhsim.kernels.machine_code import code_of
@@ -63,24 +53,6 @@ def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> t
         code_of(count_pairs, arrays, hand, state.candidates, 0.0),
         written.ctypes.data,
     )
-
-
-def keep_apart(pairs: SelfPairs, options: TickOptions, hand: HandArrays) -> TickOptions:
-    """Return options of a hand's ticks with pairs of its own parts; their kernels are compiled or loaded if need be."""
-    # A state that nobody writes to, for the types of what is in it.
-    state: Any = np.empty(1, tick_state_dtype()).view(np.recarray)[0]
-    pose, rows, vector = state.pose, state.self_contact, np.zeros(DOF)
-    options = options._replace(own=OwnParts(pairs))
-    bent = pairs, pose, rows, 0, state.step.row, vector, vector, vector, vector
-    own = OwnParts(
-        pairs,
-        measuring=code_of(measure_pairs, pairs, hand, pose, 0.0, rows),
-        adding=code_of(add_rows, pairs, hand, 0.0, options, state),
-        foreseeing=code_of(foresee_rows, pairs, hand, state.warm, options, state),
-        clearing=code_of(clear_fraction, pairs, 0.0, hand, state),
-        bending=code_of(add_bends, *bent),
-    )
-    return options._replace(own=own)
 
 
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
@@ -140,9 +112,6 @@ class TickWorkspace:
         # Two: how far apart they are numba knows of one by its type, of several by their array.
         self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled(), 2))
         self.qp = new_work(DOF, ROW_CAPACITY)
-        if options.self_contact:
-            pairs = self_pairs(model, options.fingers)
-            self.tick_options = keep_apart(pairs, self.tick_options, self.hand)
 
     @cached_property
     def code(self) -> SurfaceCode:
@@ -191,7 +160,7 @@ def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray
         state.modelled[:] = modelled
         state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
         state.candidates.nearest[:] = np.inf
-        state.self_contact.least = np.inf
+        state.meeting.least = np.inf
         state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
         state.stiffness[:] = stiffness
     return states

@@ -11,9 +11,19 @@ import numpy as np
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
+from hhsim.hand.self_pairs import cross_pairs, self_pairs
 from hhsim.kernels.by_reference import write_rows
-from hhsim.kernels.contact.hand_pairs import hand_reach
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.contact.hand_pairs import (
+    NO_PAIRS,
+    HandPairs,
+    PairsCode,
+    add_bends,
+    add_rows,
+    clear_share,
+    foresee_rows,
+    measure_pairs,
+)
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
@@ -27,7 +37,6 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.world.linearisation import write_other_pairs
-from hhsim.kernels.world.meeting import SEEN, do_hands
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.kernels.world.rows import SLACKS, friction_count
@@ -171,10 +180,9 @@ class WorldEngine:
         problem.hands, problem.bodies, friction.room = hands, bodies, friction_count(bodies)
         problem.slacks = 0
         self._name_columns()
-        self.world.seen, self.world.within = SEEN, workspace.options.margin
-        if free is None:
-            self.world.seen = workspace.options.margin
-        self.world.meeting.reach[:hands] = [hand_reach(hand.hand) for hand in self.hands]
+        rows = self.world.hand_pairs
+        rows.bound[:] = rows.floor[:] = -np.inf
+        rows.within[:] = np.inf, workspace.options.margin
         problem.inverse_root[:] = self.states[0].problem.inverse_root
         for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
             self._place(body, support, record)
@@ -194,9 +202,9 @@ class WorldEngine:
     def method(self) -> World:
         """Arguments of the ticks, with the machine code of what the scene has: it is compiled or loaded if need be."""
         workspace, world, states, options = self.workspace, self.world, self.states, self.workspace.tick_options
+        options = options._replace(pairs=self._pairs_code())
         if workspace.options.self_contact or self.bodies[0].fixed:
-            correcting = code_of(correct, options, states, world, self.qp)
-            options = options._replace(own=options.own._replace(correcting=correcting))
+            options = options._replace(correcting=code_of(correct, options, states, world, self.qp))
         supports, edge_pairs, movers, codes, edges = self._made_of
         method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
         code: dict[str, Any] = {}
@@ -209,9 +217,7 @@ class WorldEngine:
             code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
         if len(self._pairs) > 1:
             code["pairs"] = code_of(write_other_pairs, method, states[0])
-        if len(self.hands) > 1:
-            code["hands"] = code_of(do_hands, method, 0, 0.0)
-        elif self.bodies[0].fixed and workspace.options.method == "progressive":
+        if len(self.hands) == 1 and self.bodies[0].fixed and workspace.options.method == "progressive":
             from hhsim.kernels.world.progressive import solve_progressive
 
             code["solving"] = code_of(solve_progressive, method, states[0], False, self.qp)
@@ -227,6 +233,33 @@ class WorldEngine:
             code["giving"] = code_of(give_way, parts, method, self.qp)
             code["given"] = self._parts.ctypes.data
         return method._replace(**code)
+
+    @cached_property
+    def hand_pairs(self) -> HandPairs:
+        """Pairs of the hands' parts that may meet."""
+        options, several = self.workspace.options, [cross_pairs()] if len(self.hands) > 1 else []
+        for h, space in enumerate(self.hands if options.self_contact else ()):
+            own = self_pairs(space.model, options.fingers)
+            several.append(own._replace(hand=own.hand + h))
+        none = np.zeros((0, 2), np.int64)
+        hand, part = (np.concatenate([none, *(pairs[k] for pairs in several)]) for k in range(2))
+        one, other = self.hands[0].hand, self.hands[-1].hand
+        return HandPairs(hand, part, len(self.hands), one, other, self.states, self._world["hand_pairs"])
+
+    def _pairs_code(self) -> PairsCode:
+        """Return the pairs of the hands' parts as ticks take them."""
+        pairs, row, vector = self.hand_pairs, self.states[0].step.row, np.zeros(DOF)
+        if not len(pairs.part):
+            return NO_PAIRS
+        self._pairs_row = write_rows([pairs])
+        return PairsCode(
+            self._pairs_row.ctypes.data,
+            measuring=code_of(measure_pairs, pairs, 0.0),
+            foreseeing=code_of(foresee_rows, pairs, 0.0),
+            adding=code_of(add_rows, pairs, 0.0),
+            clearing=code_of(clear_share, pairs, 0, 0.0, 0.0),
+            bending=code_of(add_bends, pairs, 0, 0, row, *[vector] * 4) if self.workspace.options.self_contact else 0,
+        )
 
     @property
     def states(self) -> Any:

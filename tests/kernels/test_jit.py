@@ -11,10 +11,10 @@ import pytest
 from numba.core.errors import NumbaError
 from own_command import HHSIM
 
-from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_noinline, jit_pasted
+from hhsim.kernels.jit import jit, jit_allocating, jit_inline, jit_noinline
 
 
-@pytest.mark.parametrize("decorator", [jit, jit_inline, jit_noinline, jit_pasted, jit_allocating])
+@pytest.mark.parametrize("decorator", [jit, jit_inline, jit_noinline, jit_allocating])
 def test_a_kernel_that_does_not_say_so_can_make_no_array(decorator: Callable[..., Any]) -> None:
     @decorator
     def made(count: int) -> Any:

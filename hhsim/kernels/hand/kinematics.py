@@ -122,7 +122,7 @@ def forward_kinematics(
 
 
 @jit_inline
-def _coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
+def coarse_bounds(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
     """Compute bounds as if all of a body's rotations were in one direction; return the largest."""
     shift = math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
     turn = math.sqrt(step[3] ** 2 + step[4] ** 2 + step[5] ** 2)
@@ -149,7 +149,7 @@ def motion_bounds(
     Otherwise a point moves, to first order, by no more than the ends of the axis, and beyond that by half the greatest
     acceleration, Σ ω_i l_i (ω_i + 2 Σ_{j<i} ω_j), joint by joint outwards.
     """
-    if _coarse_bounds(hand, step, abduction_step, motion_out) <= enough:
+    if coarse_bounds(hand, step, abduction_step, motion_out) <= enough:
         return
     px, py, pz, wx, wy, wz = step[0], step[1], step[2], step[3], step[4], step[5]
     turn = math.sqrt(wx * wx + wy * wy + wz * wz)

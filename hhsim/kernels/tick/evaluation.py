@@ -13,7 +13,6 @@ from hhsim.kernels.contact.detection import (
     evaluate_surface,
     pairs_near,
 )
-from hhsim.kernels.contact.self_pairs import EXACT, measure_own
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
@@ -56,7 +55,6 @@ def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     # where a hand's own step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
     status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
-    measure_own(options.own, hand, pose, EXACT, state.self_contact)
     state.progress.pairs_overflow = status != 0
     return status == 0
 
@@ -94,8 +92,8 @@ def lacks_pairs(state: Record) -> bool:
 
 @jit_inline
 def least_distance(state: Record) -> float:
-    """Return the least signed distance of all listed pairs [m], the hand's own too; infinite where there is none."""
-    candidates, least = state.candidates, state.self_contact.least
+    """Return the least signed distance of all listed pairs [m], of hands' parts too; infinite where there is none."""
+    candidates, least = state.candidates, state.meeting.least
     for body in range(BODY_COUNT):
         least = min(least, candidates.nearest[body])
     return least
@@ -127,8 +125,6 @@ def rebuild_candidates(hand: HandArrays, surface: SurfaceCode, options: TickOpti
     """Compute kinematics, near pairs and distances of the graphic hand as it stands; False if the pairs do not fit."""
     state = states[0]
     copy_configuration(state.pose, state.prediction.start)
-    state.self_contact.bound[:] = -np.inf
-    state.self_contact.floor = -np.inf
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.
         state.candidates.gathered_slack[body] = -np.inf if state.modelled[body] == 1 else np.inf

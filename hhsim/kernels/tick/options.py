@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.self_pairs import NO_PARTS, OwnParts
+from hhsim.kernels.contact.hand_pairs import NO_PAIRS, PairsCode
 
 
 @by_reference
@@ -24,4 +24,5 @@ class TickOptions(NamedTuple):
     snap_step: float  # a tick moves the hand no farther beyond the user's own motion
     contact_stiffness: float  # of Eq. 14 and Fig. 9 [N/m]
     touch: float  # pairs nearer than this count as touching
-    own: OwnParts = NO_PARTS  # pairs of the hand's own parts that may meet
+    pairs: PairsCode = NO_PAIRS  # of parts of the hands that may meet
+    correcting: int = 0  # code of `kernels.world.second_order.correct`, 0 where nothing bends

@@ -10,6 +10,7 @@ there returns to where it began. No decision depends on how old the lists of pai
 import math
 
 from hhsim.kernels.contact.detection import SurfaceCode
+from hhsim.kernels.contact.hand_pairs import EXACT, measure_hands
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
@@ -60,12 +61,15 @@ def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions
     first = state.first_step
     if first.free_share >= LEAST_TRUST:
         move(state.pose, first.delta, first.abduction, first.free_share)
-        if evaluate_pose(hand, surface, options, state) and least_distance(state) >= 0.0:
+        fits = evaluate_pose(hand, surface, options, state)
+        measure_hands(options.pairs, EXACT)
+        if fits and least_distance(state) >= 0.0:
             copy_configuration(state.pose, state.safe)
             state.progress.is_accepted = True
             return True
         copy_configuration(state.safe, state.pose)
     evaluate_pose(hand, surface, options, state)
+    measure_hands(options.pairs, EXACT)
     return False
 
 
@@ -141,6 +145,7 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     progress.path += longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
     evaluate_pose(hand, surface, options, state)
+    measure_hands(options.pairs, EXACT)
 
 
 @jit_inline
@@ -152,4 +157,5 @@ def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptio
     state.progress.snaps = False
     take_back(state)
     evaluate_pose(hand, surface, options, state)
+    measure_hands(options.pairs, EXACT)
     return True

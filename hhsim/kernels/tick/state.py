@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
+from hhsim.kernels.contact.hand_pairs import MEETING
 from hhsim.kernels.contact.linearise import PROBLEM, ROW_CAPACITY
-from hhsim.kernels.contact.self_pairs import SELF_CONTACT
 from hhsim.kernels.contact.surface import shared_first
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.hand.pose import HAND_POSE
@@ -227,7 +227,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("program", PROGRAM),
             ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),  # see `kernels.tick.tick`
-            ("self_contact", SELF_CONTACT),  # see `kernels.contact.self_pairs`
+            ("meeting", MEETING),  # of its parts with others, see `kernels.contact.hand_pairs`
             # Last: their size is the surface's own.
             ("candidates", shared_first(candidates)),
         ],

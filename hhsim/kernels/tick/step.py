@@ -4,7 +4,6 @@ import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, limit_start
-from hhsim.kernels.contact.self_pairs import clear_own_fraction
 from hhsim.kernels.hand.kinematics import (
     BODY_COUNT,
     DOF,
@@ -176,7 +175,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
             allowed = min(candidates.slack[body], near)
         if motion * fraction > allowed:
             fraction = allowed / motion
-    return clear_own_fraction(options.own, fraction, hand, state), longest
+    return fraction, longest
 
 
 @jit_inline

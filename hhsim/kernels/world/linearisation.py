@@ -1,14 +1,14 @@
 """One linearisation of a tick: the contacts of all pairs, the program that they make, and its solution.
 
-Two hands keep out of each other, and each out of itself, by rows of pairs of their bodies, added where a step would
-bring them together until none does.
+Hands keep out of themselves and of each other by rows of pairs of their parts, added where a step would bring these
+together until none does.
 """
 
 import numpy as np
 
 from hhsim.kernels.contact.detection import find_surface_contacts
+from hhsim.kernels.contact.hand_pairs import DEEP, OWN, add_hand_rows, clear_hands, foresee_hand_rows
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
-from hhsim.kernels.contact.self_pairs import BROKEN, add_own_rows, begin_rows, choose_bends, foresee_own_rows
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code, run_code
@@ -16,7 +16,7 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW
 from hhsim.kernels.tick.evaluation import complete_lists, lacks_pairs, least_distance
 from hhsim.kernels.tick.restoration import only_restores
-from hhsim.kernels.tick.state import WORK_LINEARISATIONS, WORK_UNITS
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS, WORK_ROWS, WORK_UNITS
 from hhsim.kernels.tick.step import (
     CLEAR,
     DURATION_DETECT,
@@ -28,7 +28,7 @@ from hhsim.kernels.tick.step import (
 )
 from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import first_finger, hand_count, is_still, name_rows, pair_count, palm_column
-from hhsim.kernels.world.meeting import ADD, DEEP, RECALL, SHARE, spread_fingers
+from hhsim.kernels.world.meeting import part_targets, spread_fingers, take_spread
 from hhsim.kernels.world.pairs import (
     AIM,
     CLIP,
@@ -40,7 +40,6 @@ from hhsim.kernels.world.pairs import (
     STEPS,
     World,
     ask_bodies,
-    ask_hands,
     damped_target,
     mover_of,
     surface_at,
@@ -50,7 +49,9 @@ from hhsim.kernels.world.rows import PAIR_KEYS, bends
 from hhsim.kernels.world.second_order import FLAT_PROGRAMS
 
 ROUNDS = 12
-"""Most programs of a linearisation, each with rows of two hands' pairs that the step of the one before would break."""
+"""Most programs of a linearisation, each with rows of hands' pairs that the step of the one before would break."""
+UNITS_ROUND = 25_000
+"""Work units of a program more for pairs that the step of the one before would bring together."""
 
 
 @jit
@@ -144,38 +145,15 @@ def write_other_pairs(method: World, state: Record) -> None:
 
 
 @jit
-def _foresee_own(method: World, near: float, world: Record) -> int:
-    """Begin with the rows of each hand's own pairs: those of the last program, or all up to `near` [m]; return a count.
-
-    The abduction, which is given, is reduced to what they have room for.
-    """
-    problem, options, count = world.problem, method.options, as_int64(0)
-    spread_fingers(method.states, problem)
-    for h in range(hand_count(problem)):
-        each, hand = method.states[h], method.movers[h]
-        own, step = each.self_contact, each.problem.abduction_step
-        if near > 0.0:
-            add_own_rows(options.own, hand, near, options, each)
-        else:
-            foresee_own_rows(options.own, hand, each.warm, options, each)
-        for r in range(own.count):
-            problem.own_multiplier[h, r] = 1.0
-        for f in range(FINGER_COUNT):
-            problem.abduction_step[FINGER_COUNT * h + f] = step[f]
-        count += own.count
-    return count
-
-
-@jit
 def _aim_fingers(method: World, world: Record) -> None:
     """Let the targets of fingers that no row may bend be within the joints' limits, and all others the user's own."""
     problem = world.problem
-    for h in range(hand_count(problem) if world.kept_apart >= -DEEP and not world.stays else 0):
+    for h in range(hand_count(problem) if world.hand_pairs.kept >= -DEEP and not world.stays else 0):
         each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):
                 target[6 + PHALANX_COUNT * f + k] = each.haptic.flexion[f, k] - each.pose.flexion[f, k]
-            if not bends(method.states, problem, world.meeting, as_int64(h), f):
+            if not bends(method.states, problem, as_int64(h), f):
                 clamp_to_limits(mover_of(method, h), each.pose, f, target)
         damped_target(world, as_int64(h), as_int64(6), as_int64(DOF))
 
@@ -194,9 +172,12 @@ def prepare(method: World, near: float, state: Record) -> int:
         return -1
     for h in range(hand_count(problem)):
         _aim(method, as_int64(h))
-        begin_rows(method.states[h].self_contact)
-    ask_hands(method, RECALL, 0.0)
-    count += _foresee_own(method, near, world)
+    if world.hand_pairs.kept < -DEEP:
+        part_targets(method.states, problem, world.hand_pairs.kept)
+    spread_fingers(method.states, problem)
+    foresee_hand_rows(options.pairs, options.offset)
+    take_spread(method.states, problem)
+    count += world.hand_pairs.count
     _aim_fingers(method, world)
     _write_contacts(method, state)
     name_rows(state.contacts, problem)
@@ -210,41 +191,26 @@ def prepare(method: World, near: float, state: Record) -> int:
     return count
 
 
-@jit_noinline
-def _add_own(method: World, h: int, world: Record) -> bool:
-    """Add rows of a hand's own pairs that the step at hand would bring together; return whether one is new."""
-    problem, each = world.problem, method.states[h]
-    share, before, first = each.self_contact.share, problem.scratch, each.self_contact.count
-    for f in range(FINGER_COUNT):
-        before[f] = share[f]
-    if not add_own_rows(method.options.own, method.movers[h], BROKEN, method.options, each):
-        return False
-    for r in range(first, each.self_contact.count):
-        problem.own_multiplier[h, r] = 0.0
-    for f in range(FINGER_COUNT):
-        if before[f] > 0.0:
-            problem.abduction_step[FINGER_COUNT * h + f] *= share[f] / before[f]
-    return True
-
-
 @jit
 def _add_rows(method: World, clipped: bool, state: Record) -> bool:
-    """Add rows of pairs of hands' bodies that the step at hand would bring together; return whether one is new."""
-    world = method.world[0]
-    problem, own = world.problem, False
-    met = hand_count(problem) > 1 and ask_hands(method, ADD, 0.0) > 0.0
-    if not world.settles:
-        spread_fingers(method.states, problem)
-        for h in range(hand_count(problem)):
-            own = _add_own(method, as_int64(h), world) or own
-    if own:
-        share = problem.share
-        _write_anew(method, state)
-        problem.share = share
-    if (met or own) and not clipped:
+    """Add rows of pairs of hands' parts that the step at hand would bring together; return whether one is new."""
+    world, options = method.world[0], method.options
+    problem = world.problem
+    spread_fingers(method.states, problem)
+    if not add_hand_rows(options.pairs, options.offset):
+        return False
+    take_spread(method.states, problem)
+    for h in range(hand_count(problem) if is_still(problem) else 0):
+        work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].meeting.rows
+        work[WORK_UNITS] += UNITS_ROUND
+        work[WORK_ROWS] = max(work[WORK_ROWS], rows)
+    share = problem.share
+    _write_anew(method, state)
+    problem.share = share
+    if not clipped:
         _aim_fingers(method, world)
         scale_target(world.bodies, problem)
-    return met or own
+    return True
 
 
 @jit
@@ -262,7 +228,7 @@ def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp
 def _solve_program(method: World, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
     world = method.world[0]
     problem = world.problem
-    if count == 0 and (hand_count(problem) < 2 or world.meeting.count == 0):
+    if count == 0:
         problem.dense_rows = 0
         take_targets(problem)
         world.loaded.count = 0
@@ -296,7 +262,10 @@ def allowed_share(method: World) -> tuple[float, float]:
         share, motion = allowed_fraction(mover_of(method, p), method.options, each)
         world.longest[p] = motion
         fraction, longest = min(fraction, share), max(longest, motion)
-    return min(fraction, ask_hands(method, SHARE, 0.0)), longest
+    radius = method.states[0].trust.radius
+    for h in range(1, hand_count(problem)):
+        radius = min(radius, method.states[h].trust.radius)
+    return min(fraction, clear_hands(method.options.pairs, as_int64(OWN), 0.0, radius)), longest
 
 
 @jit
@@ -313,7 +282,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     still, least = is_still(problem), 0.5
     if still:
         # As one hand beside what stands still: one that has its clearance keeps it on any part of a step.
-        away = world.apart if hand_count(problem) > 1 else np.inf
+        away = np.inf
         for h in range(hand_count(problem)):
             away = min(away, least_distance(method.states[h]))
         least = LEAST_SHARE if away >= CLEAR * method.options.offset else least
@@ -357,8 +326,8 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     world, options = method.world[0], method.options
     hands, world.curved, world.knows_share = hand_count(world.problem), world.unsettled or done > 0, False
     for h in range(hands):
-        each, curved = method.states[h], as_bool(world.unsettled or done >= FLAT_PROGRAMS)
-        choose_bends(method.options.own.pairs, curved, mover_of(method, h), each.pose, each.self_contact)
+        meeting = method.states[h].meeting
+        meeting.bends = options.pairs.bending != 0 and (world.unsettled or done >= FLAT_PROGRAMS or meeting.steep)
     count, status, full_motion, units = as_int64(0), as_int64(OPTIMAL), WHOLE_TARGET, state.work[WORK_UNITS]
     for attempt in range(2):
         count = prepare(method, 0.0, state)
@@ -366,7 +335,7 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
             return as_int64(OVERFLOW), full_motion
         status = solve_with_pairs(method, count, as_bool(False), state, qp)
         # Of a hand alone no step depends on how old its lists are.
-        alone = method.bodies == 0 and method.hands == 0 and attempt == 0 and status == OPTIMAL
+        alone = method.bodies == 0 and hands == 1 and attempt == 0 and status == OPTIMAL
         if not (alone and lacks_pairs(state)):
             break
         if not complete_lists(method.movers[0], method.surfaces[0], options, state):

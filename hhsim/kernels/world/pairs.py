@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.detection import SurfaceCode
+from hhsim.kernels.contact.hand_pairs import EXACT, measure_hands
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
@@ -55,7 +56,6 @@ class World(NamedTuple):
     edges: tuple[Edges, ...]  # of each body
     # Machine code by `code_of`, 0 where a scene has none of it, so that a tick is compiled without.
     bodies: int = 0  # what bodies that move add to a tick, `kernels.world.bodies.do_bodies`
-    hands: int = 0  # what a second hand adds, `kernels.world.meeting.do_hands`
     pairs: int = 0  # what further pairs add to a program, `kernels.world.linearisation.write_other_pairs`
     solving: int = 0  # a program other than `solve_plain`, of `kernels.world.bodies` or `kernels.tick.progressive`
     giving: int = 0  # what comes first where parts have moved, `kernels.parts.tick.give_way`
@@ -67,12 +67,6 @@ class World(NamedTuple):
 def ask_bodies(method: World, asked: int, value: float) -> float:
     """Do what `kernels.world.bodies.do_bodies` does; nothing, and return 0, where no body moves."""
     return number_of_code(method.bodies, (method, as_int64(asked), value)) if method.bodies != 0 else 0.0
-
-
-@jit_inline
-def ask_hands(method: World, asked: int, value: float) -> float:
-    """Do what `kernels.world.meeting.do_hands` does; nothing, and return infinity, with one hand."""
-    return number_of_code(method.hands, (method, as_int64(asked), value)) if method.hands != 0 else np.inf
 
 
 @jit_inline
@@ -96,6 +90,7 @@ def measure(method: World) -> bool:
     for p in range(pair_count(method.world[0].problem)):
         arrays, its = mover_of(method, p), surface_at(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
+    measure_hands(method.options.pairs, EXACT)
     ask_bodies(method, EDGES, 0.0)
     method.states[0].progress.pairs_overflow = not fits
     return fits
@@ -106,14 +101,11 @@ def rebuild(method: World, states: States) -> bool:
     """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
     world = method.world[0]
     fits = True
-    world.apart = 0.0
     ask_bodies(method, PLACE, 0.0)
     for p in range(pair_count(world.problem)):
         given = mover_of(method, p), surface_at(method, p), method.options
         fits = rebuild_candidates(*given, states[p : p + 1]) and fits
-        if p >= hand_count(world.problem):
-            # A hand's own pairs are looked at in its first pair alone.
-            states[p].self_contact.floor = states[p].self_contact.least = np.inf
+    measure_hands(method.options.pairs, EXACT)
     ask_bodies(method, EDGES, 0.0)
     return fits
 
@@ -220,7 +212,7 @@ def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
         for p in range(pair_count(problem)):
             if problem.hand[p] != h or problem.other[p] >= 0:
                 continue
-            near = near or problem.last[p] > problem.first[p] or world.meeting.count > 0
+            near = near or problem.last[p] > problem.first[p] or each.meeting.rows > 0
             body = problem.body[p]
             if problem.last[p] > problem.first[p] and world.bodies[body].is_free == 1:
                 carried = max(carried, _carried(world.bodies[body], each.progress.start))

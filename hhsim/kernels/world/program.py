@@ -84,7 +84,7 @@ LOADED = np.dtype(
 
 
 @jit
-def _guess(states: States, problem: Record, loaded: Record, meeting: Record) -> int:
+def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
     # The rows whose keys carried a multiplier the last time; most lie where they were.
     start, stop = problem.group_start, problem.group_stop
     key, wanted = problem.key, loaded.key
@@ -106,7 +106,7 @@ def _guess(states: States, problem: Record, loaded: Record, meeting: Record) -> 
                     filled += 1
                     found = True
                     break
-    return guess_dense(states, problem, meeting, loaded, filled)
+    return guess_dense(problem, pairs, loaded, filled)
 
 
 @jit
@@ -215,12 +215,12 @@ def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
 
 
 @jit
-def _read(problem: Record, friction: Record, loaded: Record, meeting: Record, qp: QpWork) -> None:
+def _read(problem: Record, friction: Record, loaded: Record, pairs: Record, qp: QpWork) -> None:
     # The loaded rows of the solution, and what each contact with friction bears and slips.
     for i in range(friction.count):
         friction.plain[i] = friction.cone[i] = 0.0
     if problem.dense_rows > 0:
-        read_dense(problem, meeting, qp)
+        read_dense(problem, pairs, qp)
     loaded.count = qp.counts[0]
     for j in range(loaded.count):
         row = qp.active[j]
@@ -344,20 +344,19 @@ def _solve_once(options: TickOptions, rows: Rows, guessed: int, world: Record, s
     if status == OPTIMAL:
         problem.solutions += 1
         read_step(world.bodies, problem, qp)
-        _read(problem, world.friction, loaded, world.meeting, qp)
+        _read(problem, world.friction, loaded, world.hand_pairs, qp)
     return status
 
 
 @jit
 def solve_plain(options: TickOptions, states: States, world: Record, qp: QpWork) -> int:
     """Solve for a step of hands beside what stands still, and write it; returns a status of `kernels.qp.active_set`."""
-    problem, loaded, meeting, step = world.problem, world.loaded, world.meeting, states[0].step
-    row, relaxed = contact_groups(states, problem, meeting), as_bool(states[0].program.is_relaxed)
-    end_rows(states, options.offset, relaxed, row, problem, meeting)
-    guessed = _guess(states, problem, loaded, meeting)
+    problem, loaded, pairs, step = world.problem, world.loaded, world.hand_pairs, states[0].step
+    end_rows(states, options.offset, contact_groups(states, problem), problem, pairs)
+    guessed = _guess(problem, loaded, pairs)
     status = _solve_once(options, wide_rows(problem), guessed, world, step, qp)
     if status == OPTIMAL:
-        if options.own.correcting != 0 and ask_code(options.own.correcting, (options, states, world, qp)):
+        if options.correcting != 0 and ask_code(options.correcting, (options, states, world, qp)):
             read_step(world.bodies, problem, qp)
         take_hand_steps(states, problem)
     return status
@@ -392,10 +391,10 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     bodies, step = world.bodies, states[0].step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
     offset, relaxed = options.offset, states[0].program.is_relaxed
-    friction_rows(states, bodies, offset, relaxed, problem, friction, world.meeting)
+    friction_rows(states, bodies, offset, relaxed, problem, friction, world.hand_pairs)
     rows = wide_rows(problem)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
-    guessed = _guess(states, problem, loaded, world.meeting)
+    guessed = _guess(problem, loaded, world.hand_pairs)
     best = np.inf
     seeks = rounds > 1
     repairs = as_int64(0)
@@ -438,7 +437,7 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     if not clipped:
         find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
         _hold(offset, friction, world.leanings, world.held)
-    if options.own.correcting != 0 and ask_code(options.own.correcting, (options, states, world, qp)):
+    if options.correcting != 0 and ask_code(options.correcting, (options, states, world, qp)):
         read_step(bodies, problem, qp)
     if loaded.count > 0:
         _rest(bodies, problem)

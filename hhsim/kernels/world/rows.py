@@ -24,9 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.hand_pairs import HAND_ROWS
+from hhsim.kernels.contact.hand_pairs import PAIR_ROWS
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
-from hhsim.kernels.contact.self_pairs import SELF_ROWS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.world.body import OBJECT_DOF
@@ -86,7 +85,6 @@ def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
     dof = common + PHALANX_COUNT * fingers
     # Fixed bodies have columns that no program reads.
     whole = dof + OBJECT_DOF if bodies > 1 else dof
-    dense = HAND_ROWS + hands * SELF_ROWS if bodies > 1 else 1
     rows = FREE_ROWS + SECOND_ROWS * (hands - 1) + (OTHER_ROWS if bodies > 1 else 0)
     groups = HAND_GROUPS * hands + 2 * (FINGER_COUNT + 1) * (pairs - hands) + 2
     return np.dtype(
@@ -99,11 +97,9 @@ def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
             ("palm", np.int64, (hands,)),  # first column of each palm
             ("column", np.int64, (bodies,)),  # first column of each body
             ("common", np.float64, (common if bodies == 1 else whole, rows)),  # of palms, bodies and slacks, scaled
-            ("dense", np.float64, (dense, PHALANX_COUNT * fingers)),  # columns of all fingers of dense rows, scaled
-            ("dense_row", np.int64),  # first of these: pairs of two hands, then each hand's own pairs
+            ("dense", np.float64, (PAIR_ROWS, PHALANX_COUNT * fingers)),  # columns of all fingers of dense rows, scaled
+            ("dense_row", np.int64),  # first of these
             ("dense_rows", np.int64),  # number of these
-            ("own_row", np.int64, (hands,)),  # first row of each hand's own pairs
-            ("own_multiplier", np.float64, (hands, SELF_ROWS)),  # [N]
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
             ("rhs", np.float64, (rows,)),  # [m] for contacts, [rad] for limits
             ("share", np.float64),  # share of a free distance that a step may use up
@@ -350,10 +346,9 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 
 
 @jit
-def bends(states: States, problem: Record, meeting: Record, hand: int, finger: int) -> bool:
-    """Return whether a program has rows that may bend a finger: of its contacts, its hand's own pairs, or two hands."""
-    own = states[hand].self_contact
-    found = as_bool((hand_count(problem) > 1 and meeting.count > 0) or own.meets[finger] == 1)
+def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
+    """Return whether a program has rows that may bend a finger: of its contacts, or of pairs of hands' parts."""
+    found = as_bool(states[hand].meeting.meets[finger] == 1)
     for p in range(pair_count(problem)):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])
@@ -361,7 +356,7 @@ def bends(states: States, problem: Record, meeting: Record, hand: int, finger: i
 
 
 @jit
-def contact_groups(states: States, problem: Record, meeting: Record) -> int:
+def contact_groups(states: States, problem: Record) -> int:
     """Begin the groups of rows with those of contacts and of joint limits; return the row behind these."""
     pairs, hands = pair_count(problem), hand_count(problem)
     problem.groups = 0
@@ -374,28 +369,28 @@ def contact_groups(states: States, problem: Record, meeting: Record) -> int:
         for f in range(FINGER_COUNT):
             _add_group(problem, first + begin[f + 1], first + begin[f + 2], fingers + PHALANX_COUNT * f)
         for f in range(FINGER_COUNT):
-            if p < hands and bends(states, problem, meeting, p, f):
+            if p < hands and bends(states, problem, p, f):
                 start = limits + 2 * PHALANX_COUNT * f
                 _add_group(problem, start, start + 2 * PHALANX_COUNT, fingers + PHALANX_COUNT * f)
     return as_int64(problem.last[pairs - 1] + (LIMIT_ROWS if pairs == hands else 0))
 
 
 @jit
-def end_rows(states: States, offset: float, relaxed: bool, row: int, problem: Record, meeting: Record) -> None:
-    """Write the last rows, those of pairs of hands' bodies, from a row on."""
-    problem.rows = dense_rows(states, meeting, offset, relaxed, row, problem)
+def end_rows(states: States, offset: float, row: int, problem: Record, pairs: Record) -> None:
+    """Write the last rows, those of pairs of hands' parts, from a row on."""
+    problem.rows = dense_rows(states, pairs, offset, row, problem)
     _add_group(problem, row, problem.rows, -1)
 
 
 @jit
 def friction_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meeting: Record
+    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meets: Record
 ) -> None:
-    """Write the rows of friction, of the table, of joints and of pairs of hands' bodies, and the groups of all rows.
+    """Write the rows of friction, of the table, of joints and of pairs of hands' parts, and the groups of all rows.
 
     The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
     """
-    pairs, row = pair_count(problem), contact_groups(states, problem, meeting)
+    pairs, row = pair_count(problem), contact_groups(states, problem)
     changed = 0 if problem.is_fresh == 1 else row
     for p in range(pairs):
         fingers = first_finger(problem, problem.hand[p])
@@ -426,7 +421,7 @@ def friction_rows(
     row = joint_rows(states, bodies, relaxed, row, problem)
     _add_group(problem, table, row, -1)
     dense = row
-    end_rows(states, offset, relaxed, row, problem, meeting)
+    end_rows(states, offset, row, problem, meets)
     row = problem.rows
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
         problem.owner[friction.contact[i]] = i

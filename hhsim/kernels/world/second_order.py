@@ -31,9 +31,10 @@ meet with a small radius. Contacts of bodies that move count as flat.
 import math
 from typing import NamedTuple, TypeAlias
 
-from hhsim.kernels.contact.self_pairs import OwnParts, add_own_bends
+from hhsim.kernels.contact.hand_pairs import PairsCode
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.machine_code import run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import project
@@ -196,7 +197,7 @@ FINGERS = PHALANX_COUNT * FINGER_COUNT
 class Lagrangian(NamedTuple):
     """Curved part of a program: each hand's contacts and own pairs that carry a multiplier."""
 
-    own: OwnParts
+    pairs: PairsCode
     states: States
     world: Record
     row: Indices  # rows with a multiplier
@@ -226,9 +227,10 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
             copy_values(step[fingers : fingers + FINGERS], hand[6:])
         if world.curved and still:
             curvature_product(each.pose, each.contacts, problem.first[h], row, force, hand, product)
-        if each.self_contact.bends:
-            given, root = (each.pose, each.self_contact, problem.own_row[h]), problem.inverse_root[:]
-            add_own_bends(lagrangian.own, *given, row, force, root, hand, product)
+        if each.meeting.bends:
+            pairs, first = lagrangian.pairs, problem.dense_row
+            given = pairs.given, as_int64(h), first, row, force, problem.inverse_root[:], hand, product
+            run_code(pairs.bending, given)
         if not alone:
             for j in range(6 if still else 0):
                 product_out[palm + j] = product[j]
@@ -385,9 +387,10 @@ def _hold_bodies(n: int, problem: Record, qp: QpWork) -> int:
 def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> bool:
     """Move a program's solution to second order in what bends; return whether it is another."""
     problem, n, bends, still = world.problem, variable_count(world.problem), False, is_still(world.problem)
-    for h in range(hand_count(problem)):
-        for r in range(states[h].self_contact.count if states[h].self_contact.bends else 0):
-            bends = bends or problem.own_multiplier[h, r] > 0.0
+    pairs = world.hand_pairs
+    for i in range(pairs.count):
+        is_own = pairs.hand[i, 0] == pairs.hand[i, 1]
+        bends = bends or (is_own and pairs.multiplier[i] > 0.0 and states[pairs.hand[i, 0]].meeting.bends)
     if not still:
         square = 0.0
         for j in range(n):
@@ -405,7 +408,7 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
         copy_values(problem.inverse_root[6:DOF], root[first : first + FINGERS])
     loaded, first = world.loaded, as_int64(0)
     row, force = loaded.row[: loaded.count], loaded.multiplier[: loaded.count]
-    lagrangian = Lagrangian(options.own, states, world, row, force, root, first, n)
+    lagrangian = Lagrangian(options.pairs, states, world, row, force, root, first, n)
     held = qp.counts[0] if still else _hold_bodies(n, problem, qp)
     correct_program(lagrangian, held, problem.delta[:], wide_rows(problem), options, world.correction, qp)
     return as_bool(True)

@@ -4,19 +4,17 @@ Each hand's tick is the one that it has alone, on where both began. Only where t
 taken back, and the tick is one of the world of both (`kernels.world.tick`), whose pairs' states are those of the hands.
 """
 
-import numpy as np
-
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.hand_pairs import bound_motions, hands_nearest, look_at_pairs
+from hhsim.kernels.contact.hand_pairs import CROSS, EXACT, clear_hands, measure_hands
+from hhsim.kernels.hand.kinematics import coarse_bounds
 from hhsim.kernels.hand.pose import copy_configuration, step_between
-from hhsim.kernels.jit import as_int64, jit, jit_noinline
+from hhsim.kernels.jit import as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
 from hhsim.kernels.tick.evaluation import set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
-from hhsim.kernels.world.meeting import SEEN, hands_of, measure_hands, most_motion
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.tick import MEASURE, TICK
 
@@ -27,31 +25,27 @@ def _may_have_met(method: World) -> bool:
 
     They are looked at where their motions may have used up the distance that they had when they were last.
     """
-    world, states, offset = method.world[0], method.states, method.options.offset
+    states, options, pairs = method.states, method.options, method.world[0].hand_pairs
     for h in range(2):
         state = states[h]
         delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
         step_between(state.pose, state.prediction.start, delta, abduction, state.scratch)
-    world.apart -= most_motion(states, world)
-    if world.apart > offset:
+        pairs.least[CROSS] -= coarse_bounds(method.movers[h], delta, abduction, pairs.motion[h, CROSS])
+    if pairs.least[CROSS] > options.offset:
         return False
-    hands, two = hands_of(method.movers, states, world)
-    bound_motions(hands, two, world.meeting)
-    look_at_pairs(hands, two, offset, np.inf, np.inf, world.meeting)
-    if world.meeting.least < np.inf:
-        return True
-    world.apart = min(hands_nearest(hands, two, SEEN, world.meeting), SEEN)
-    return False
+    measure_hands(options.pairs, options.offset)
+    return as_bool(clear_hands(options.pairs, as_int64(CROSS), options.offset, 0.0) < 1.0)
 
 
 @jit_noinline
-def _tick_of_both(method: World, parts_move: bool, qp: QpWork, code: int) -> None:
+def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, qp: QpWork, code: int) -> None:
     """Make the tick of both hands as one of the world; the status bits are in it."""
-    world, states = method.world[0], method.states
-    hands, two = hands_of(method.movers, states, world)
-    world.kept_apart = 0.0
+    world, states, pairs = method.world[0], method.states, method.options.pairs
     if parts_move:
-        world.kept_apart = min(hands_nearest(hands, two, 0.0, world.meeting), 0.0)
+        world.hand_pairs.kept = 0.0
+        measure_hands(pairs, 0.0)
+        world.hand_pairs.kept = min(world.hand_pairs.least[CROSS], 0.0)
+        measure_hands(pairs, 0.0)
     for h in range(2):
         state = states[h]
         copy_configuration(state.pose, state.prediction.start)
@@ -60,14 +54,14 @@ def _tick_of_both(method: World, parts_move: bool, qp: QpWork, code: int) -> Non
         copy_values(state.haptic.position[:], world.palm_position[h])
         copy_values(state.haptic.orientation[:], world.palm_orientation[h])
     call_code(code, (method, states, qp, as_int64(TICK)))
-    if world.kept_apart < 0.0:
+    if world.hand_pairs.kept < 0.0:
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
-    # What the last step might have brought together is near; else a bound of the distance is to be made sure of.
     near = method.options.margin
-    world.is_near = world.apart < near
-    if world.is_near and world.may_meet == 0:
-        world.is_near = measure_hands(method.movers, states, world) < near
+    measure_hands(pairs, near)
+    world.is_near = world.hand_pairs.least[CROSS] < near
+    for h in range(2):
+        measure_hands(alone[h].options.pairs, EXACT)
 
 
 @jit_noinline
@@ -123,8 +117,8 @@ def run_hands_apart(
                 copy_configuration(states[h].prediction.start, states[h].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
             call_code(code, (method, states, qp, as_int64(MEASURE)))
-            world.meeting.count, world.apart = 0, 0.0
-        _tick_of_both(method, parts_move, qp, code)
+            world.hand_pairs.count = 0
+        _tick_of_both(alone, method, parts_move, qp, code)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
         for h in range(2):
             record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])

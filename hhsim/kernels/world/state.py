@@ -44,15 +44,9 @@ def world_dtype() -> "np.dtype[Any]":
             ("borne", borne_dtype(bodies)),  # the same at the last accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("safe_abduction", np.float64, (fingers,)),  # its fingers' spread
-            ("meeting", HAND_PAIRS),  # of two hands
-            ("apart", np.float64),  # no more than the distance of two hands where they are [m]
-            ("seen", np.float64),  # distance up to which they are measured [m]
-            ("within", np.float64),  # of pairs farther apart than this [m] no row is sought
-            ("kept_apart", np.float64),  # distance that steps keep [m]: below 0 where parts push a hand into another
+            ("hand_pairs", HAND_PAIRS),  # of the parts of hands
             ("is_near", np.bool_),  # the next tick of hands side by side begins as one of both
             ("stays", np.bool_),  # the targets of the hands are where they are
-            ("settles", np.bool_),  # the program at hand is for the forces where hands are shown
-            ("may_meet", np.int64),  # 1 if the last program's step might bring them together
             ("palm_position", np.float64, (hands, 3)),  # of each user's hand, world [m]
             ("palm_orientation", np.float64, (hands, 4)),  # likewise
             ("scratch_turn", np.float64, (4,)),

@@ -8,13 +8,15 @@ A program's step moves hands and bodies. For each pair, the step of its body is 
 the other body: this relative motion is bounded by the listed pairs, and judged by the true distances at its end. If
 anything penetrates there, the whole step is taken back. The table is a half-space, so that nothing can jump over it:
 its distance at the end of a step is enough. All hands and bodies make the same share of a step. The tick ends when all
-have arrived. What bodies that move, a second hand or moving parts add is called by address (`kernels.world.pairs`).
+have arrived. What bodies that move, pairs of hands' parts or moving parts of a body add is called by address
+(`kernels.world.pairs`, `kernels.contact.hand_pairs`).
 """
 
 import numpy as np
 
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import find_surface_contacts, pairs_near
+from hhsim.kernels.contact.hand_pairs import CROSS, OWN
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.kernels.hand.pose import move
@@ -66,7 +68,7 @@ from hhsim.kernels.tick.tick import (
 from hhsim.kernels.world.body import drive_body
 from hhsim.kernels.world.columns import States, body_count, hand_count, is_still, pair_count
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
-from hhsim.kernels.world.meeting import APART, LOAD, bear_own
+from hhsim.kernels.world.meeting import bear_meetings
 from hhsim.kernels.world.pairs import (
     BACK,
     BEAR,
@@ -83,7 +85,6 @@ from hhsim.kernels.world.pairs import (
     TURN,
     World,
     ask_bodies,
-    ask_hands,
     measure,
     mover_of,
     rebuild,
@@ -100,7 +101,7 @@ ON_THE_WAY = 20.0
 @jit
 def _goes_alone(method: World) -> bool:
     """Return True for one hand beside what stands still."""
-    return as_bool(method.bodies == 0 and method.hands == 0)
+    return as_bool(method.bodies == 0 and hand_count(method.world[0].problem) == 1)
 
 
 @jit
@@ -113,7 +114,7 @@ def _begin_motion(method: World, state: Record) -> None:
         return
     for p in range(1, pair_count(problem)):
         begin_tick(method.options, method.states[p])
-    if method.hands == 0:
+    if hand_count(problem) == 1:
         predict_pose(method.options, method.movers[0], method.surfaces[0], state)
 
 
@@ -124,7 +125,6 @@ def _take_back(method: World) -> None:
     for p in range(pair_count(world.problem)):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
-    world.apart = 0.0
     ask_bodies(method, BACK, 0.0)
 
 
@@ -168,9 +168,7 @@ def _find_loads(method: World, fraction: float, state: Record) -> None:
         for h in range(hand_count(problem)):
             first, last = problem.first[h], problem.last[h]
             bear_contacts(state.contacts, first, last, world.loaded, states[h].warm)
-    ask_hands(method, LOAD, 0.0)
-    for h in range(hand_count(problem)):
-        bear_own(method.options.own.pairs, states[h], as_int64(h), problem)
+    bear_meetings(states, world.hand_pairs)
 
 
 @jit
@@ -187,10 +185,10 @@ def _move_all(method: World, fraction: float, state: Record) -> None:
 def _accept_all(method: World, fraction: float, longest: float, full_motion: float, state: Record) -> bool:
     """Let the present poses be the safe ones; returns whether the tick is done."""
     world, states, options = method.world[0], method.states, method.options
-    problem, still = world.problem, is_still(world.problem)
+    problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
     ask_bodies(method, KEEP, 0.0)
-    if world.kept_apart < 0.0:
-        world.kept_apart = min(world.apart, 0.0)
+    if pairs.kept < 0.0:
+        pairs.kept = min(pairs.least[CROSS], 0.0)
     done = held = as_bool(still or ask_bodies(method, HOLD, 0.0) > 0.0)
     for p in range(pair_count(problem)):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
@@ -198,7 +196,7 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
         done = (arrived or (still and states[p].progress.snaps)) and done
     if not held:
         state.progress.lag = max(state.progress.lag, longest)
-    if world.meeting.count > 0 and longest > options.step_tolerance:
+    if pairs.crossing > 0 and longest > options.step_tolerance:
         # Hands that meet bend their rows: they have not arrived after a whole step that is long.
         done = False
         for h in range(hand_count(problem)):
@@ -254,8 +252,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     else:
         fraction, longest = allowed_share(method)
     for h in range(hand_count(problem) if still else 0):
-        own = states[h].contacts.start[FINGER_COUNT + 1] + states[h].self_contact.count
-        hindered = as_bool(own + world.meeting.count > 0)
+        hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
     _move_all(method, fraction, state)
     for p in range(pairs):
@@ -268,7 +265,6 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     fits, least = measure(method), np.inf
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
-    least = min(least, ask_hands(method, APART, fraction))
     if not still:
         least = min(least, ask_bodies(method, TABLE, 0.0))
     if not fits:
@@ -296,16 +292,18 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     still satisfies it, so that they stay within the coupling's own. Without a solution they stay as they were. It
     counts in the forces' time.
     """
-    world, options, step = method.world[0], method.options, state.step
+    world, step = method.world[0], state.step
     lap(DURATION_DETECT, state)
     began = step.lap
     problem, relaxed, holds = world.problem, state.program.is_relaxed, state.program.holds_abduction
     iterations, coupled, duration = step.iterations, state.program.is_coupled, step.duration
     palm, fingers, detect = duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT]
-    world.meeting.count, world.within, world.settles, state.program.is_coupled = 0, near, True, True
+    # Rows of pairs that are near come with the steps that break them.
+    pairs, within = world.hand_pairs, (world.hand_pairs.within[OWN], world.hand_pairs.within[CROSS])
+    pairs.count, pairs.within[:], state.program.is_coupled = 0, near, True
     for h in range(hand_count(problem)):
         method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
-        method.states[h].self_contact.bends = False
+        method.states[h].meeting.bends = False
     world.curved = False
     count = prepare(method, near, state)
     for h in range(hand_count(problem) if count >= 0 else 0):
@@ -318,7 +316,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
             copy_active(method.states[h].warm, method.states[h].active)
     for h in range(hand_count(problem)):
         method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
-    world.within, world.settles, state.program.is_coupled = options.margin, False, coupled
+    pairs.within[OWN], pairs.within[CROSS], state.program.is_coupled = within[OWN], within[CROSS], coupled
     duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
     duration[DURATION_FORCE] += step.lap - began
     step.iterations = iterations
