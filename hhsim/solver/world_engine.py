@@ -13,16 +13,7 @@ from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.hand.self_pairs import cross_pairs, self_pairs
 from hhsim.kernels.by_reference import write_rows
-from hhsim.kernels.contact.hand_pairs import (
-    NO_PAIRS,
-    HandPairs,
-    PairsCode,
-    add_bends,
-    add_rows,
-    clear_share,
-    foresee_rows,
-    measure_pairs,
-)
+from hhsim.kernels.contact.hand_pairs import NO_PAIRS, HandPairs, PairsCode, add_bends, do_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
@@ -254,10 +245,7 @@ class WorldEngine:
         self._pairs_row = write_rows([pairs])
         return PairsCode(
             self._pairs_row.ctypes.data,
-            measuring=code_of(measure_pairs, pairs, 0.0),
-            foreseeing=code_of(foresee_rows, pairs, 0.0),
-            adding=code_of(add_rows, pairs, 0.0),
-            clearing=code_of(clear_share, pairs, 0, 0.0, 0.0),
+            doing=code_of(do_pairs, pairs, 0, 0.0, 0.0),
             bending=code_of(add_bends, pairs, 0, 0, row, *[vector] * 4) if self.workspace.options.self_contact else 0,
         )
 

@@ -37,7 +37,7 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, step_between, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
-from hhsim.kernels.machine_code import ask_code, number_of_code, run_code
+from hhsim.kernels.machine_code import number_of_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone import RoundCone, round_cone_pair, round_cone_parameter
@@ -136,41 +136,22 @@ class PairsCode(NamedTuple):
     """Pairs as ticks take them: their address, and what is done with them, by `code_of`; 0 where no parts meet."""
 
     given: int = 0
-    measuring: int = 0  # of `measure_pairs`
-    foreseeing: int = 0  # of `foresee_rows`
-    adding: int = 0  # of `add_rows`
-    clearing: int = 0  # of `clear_share`
+    doing: int = 0  # of `do_pairs`
     bending: int = 0  # of `add_bends`
 
 
 NO_PAIRS = PairsCode()
 """In place of the pairs of a hand whose parts go through each other."""
+LOOK, FORESEE, ADD, SHARE, SHARE_OF_TWO = map(as_int64, range(5))
+"""What `ask_pairs` is asked to do."""
 
 
 @jit_inline
-def measure_hands(code: PairsCode, exact: float) -> None:
-    """Do what `measure_pairs` does, where there are pairs."""
-    if code.measuring != 0:
-        run_code(code.measuring, (code.given, exact))
-
-
-@jit_inline
-def foresee_hand_rows(code: PairsCode, offset: float) -> None:
-    """Do what `foresee_rows` does, where there are pairs."""
-    if code.foreseeing != 0:
-        run_code(code.foreseeing, (code.given, offset))
-
-
-@jit_inline
-def add_hand_rows(code: PairsCode, offset: float) -> bool:
-    """Do what `add_rows` does, where there are pairs."""
-    return code.adding != 0 and ask_code(code.adding, (code.given, offset))
-
-
-@jit_inline
-def clear_hands(code: PairsCode, kind: int, extra: float, radius: float) -> float:
-    """Do what `clear_share` does; 1 where there are no pairs."""
-    return number_of_code(code.clearing, (code.given, as_int64(kind), extra, radius)) if code.clearing != 0 else 1.0
+def ask_pairs(code: PairsCode, asked: int, length: float, radius: float) -> float:
+    """Do what `do_pairs` does, where there are pairs, of which all are else apart: 1 for SHARE, 0 for all others."""
+    if code.doing == 0:
+        return 1.0 if asked == SHARE else 0.0
+    return number_of_code(code.doing, (code.given, as_int64(asked), length, radius))
 
 
 @jit_inline
@@ -633,6 +614,24 @@ def clear_share(pairs: HandPairs, kind: int, extra: float, radius: float) -> flo
             rows.bound[pair] = _distance(pairs, pair)
             fraction = min(fraction, max(rows.bound[pair] - extra, radius) / moved)
     return fraction
+
+
+@jit
+def do_pairs(pairs: HandPairs, asked: int, length: float, radius: float) -> float:
+    """Do one stage of a tick for pairs, with a length of its own and a trust radius [m].
+
+    Returns the share of the step for SHARE, which for SHARE_OF_TWO is that of pairs of two hands alone, and 1 for ADD
+    where a row is new; else 0.
+    """
+    if asked == LOOK:
+        measure_pairs(pairs, length)
+    elif asked == FORESEE:
+        foresee_rows(pairs, length)
+    elif asked == ADD:
+        return 1.0 if add_rows(pairs, length) else 0.0
+    elif asked >= SHARE:
+        return clear_share(pairs, OWN if asked == SHARE else CROSS, length, radius)
+    return 0.0
 
 
 @jit

@@ -10,7 +10,7 @@ there returns to where it began. No decision depends on how old the lists of pai
 import math
 
 from hhsim.kernels.contact.detection import SurfaceCode
-from hhsim.kernels.contact.hand_pairs import EXACT, measure_hands
+from hhsim.kernels.contact.hand_pairs import EXACT, LOOK, ask_pairs
 from hhsim.kernels.contact.linearise import clamp_to_limits
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, move
@@ -62,14 +62,14 @@ def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions
     if first.free_share >= LEAST_TRUST:
         move(state.pose, first.delta, first.abduction, first.free_share)
         fits = evaluate_pose(hand, surface, options, state)
-        measure_hands(options.pairs, EXACT)
+        ask_pairs(options.pairs, LOOK, EXACT, 0.0)
         if fits and least_distance(state) >= 0.0:
             copy_configuration(state.pose, state.safe)
             state.progress.is_accepted = True
             return True
         copy_configuration(state.safe, state.pose)
     evaluate_pose(hand, surface, options, state)
-    measure_hands(options.pairs, EXACT)
+    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
     return False
 
 
@@ -145,7 +145,7 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     progress.path += longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
     evaluate_pose(hand, surface, options, state)
-    measure_hands(options.pairs, EXACT)
+    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
 
 
 @jit_inline
@@ -157,5 +157,5 @@ def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptio
     state.progress.snaps = False
     take_back(state)
     evaluate_pose(hand, surface, options, state)
-    measure_hands(options.pairs, EXACT)
+    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
     return True

@@ -7,7 +7,7 @@ together until none does.
 import numpy as np
 
 from hhsim.kernels.contact.detection import find_surface_contacts
-from hhsim.kernels.contact.hand_pairs import DEEP, OWN, add_hand_rows, clear_hands, foresee_hand_rows
+from hhsim.kernels.contact.hand_pairs import ADD, DEEP, FORESEE, SHARE, ask_pairs
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
@@ -175,7 +175,7 @@ def prepare(method: World, near: float, state: Record) -> int:
     if world.hand_pairs.kept < -DEEP:
         part_targets(method.states, problem, world.hand_pairs.kept)
     spread_fingers(method.states, problem)
-    foresee_hand_rows(options.pairs, options.offset)
+    ask_pairs(options.pairs, FORESEE, options.offset, 0.0)
     take_spread(method.states, problem)
     count += world.hand_pairs.count
     _aim_fingers(method, world)
@@ -197,7 +197,7 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     world, options = method.world[0], method.options
     problem = world.problem
     spread_fingers(method.states, problem)
-    if not add_hand_rows(options.pairs, options.offset):
+    if ask_pairs(options.pairs, ADD, options.offset, 0.0) == 0.0:
         return False
     take_spread(method.states, problem)
     for h in range(hand_count(problem) if is_still(problem) else 0):
@@ -265,7 +265,7 @@ def allowed_share(method: World) -> tuple[float, float]:
     radius = method.states[0].trust.radius
     for h in range(1, hand_count(problem)):
         radius = min(radius, method.states[h].trust.radius)
-    return min(fraction, clear_hands(method.options.pairs, as_int64(OWN), 0.0, radius)), longest
+    return min(fraction, ask_pairs(method.options.pairs, SHARE, 0.0, radius)), longest
 
 
 @jit

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.detection import SurfaceCode
-from hhsim.kernels.contact.hand_pairs import EXACT, measure_hands
+from hhsim.kernels.contact.hand_pairs import EXACT, LOOK, ask_pairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
@@ -90,7 +90,7 @@ def measure(method: World) -> bool:
     for p in range(pair_count(method.world[0].problem)):
         arrays, its = mover_of(method, p), surface_at(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
-    measure_hands(method.options.pairs, EXACT)
+    ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
     ask_bodies(method, EDGES, 0.0)
     method.states[0].progress.pairs_overflow = not fits
     return fits
@@ -105,7 +105,7 @@ def rebuild(method: World, states: States) -> bool:
     for p in range(pair_count(world.problem)):
         given = mover_of(method, p), surface_at(method, p), method.options
         fits = rebuild_candidates(*given, states[p : p + 1]) and fits
-    measure_hands(method.options.pairs, EXACT)
+    ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
     ask_bodies(method, EDGES, 0.0)
     return fits
 

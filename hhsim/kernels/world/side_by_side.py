@@ -5,7 +5,7 @@ taken back, and the tick is one of the world of both (`kernels.world.tick`), who
 """
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.hand_pairs import CROSS, EXACT, clear_hands, measure_hands
+from hhsim.kernels.contact.hand_pairs import CROSS, EXACT, LOOK, SHARE_OF_TWO, ask_pairs
 from hhsim.kernels.hand.kinematics import coarse_bounds
 from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_bool, as_int64, jit, jit_noinline
@@ -33,8 +33,8 @@ def _may_have_met(method: World) -> bool:
         pairs.least[CROSS] -= coarse_bounds(method.movers[h], delta, abduction, pairs.motion[h, CROSS])
     if pairs.least[CROSS] > options.offset:
         return False
-    measure_hands(options.pairs, options.offset)
-    return as_bool(clear_hands(options.pairs, as_int64(CROSS), options.offset, 0.0) < 1.0)
+    ask_pairs(options.pairs, LOOK, options.offset, 0.0)
+    return as_bool(ask_pairs(options.pairs, SHARE_OF_TWO, options.offset, 0.0) < 1.0)
 
 
 @jit_noinline
@@ -43,9 +43,9 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
     world, states, pairs = method.world[0], method.states, method.options.pairs
     if parts_move:
         world.hand_pairs.kept = 0.0
-        measure_hands(pairs, 0.0)
+        ask_pairs(pairs, LOOK, 0.0, 0.0)
         world.hand_pairs.kept = min(world.hand_pairs.least[CROSS], 0.0)
-        measure_hands(pairs, 0.0)
+        ask_pairs(pairs, LOOK, 0.0, 0.0)
     for h in range(2):
         state = states[h]
         copy_configuration(state.pose, state.prediction.start)
@@ -58,10 +58,10 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
     near = method.options.margin
-    measure_hands(pairs, near)
+    ask_pairs(pairs, LOOK, near, 0.0)
     world.is_near = world.hand_pairs.least[CROSS] < near
     for h in range(2):
-        measure_hands(alone[h].options.pairs, EXACT)
+        ask_pairs(alone[h].options.pairs, LOOK, EXACT, 0.0)
 
 
 @jit_noinline
