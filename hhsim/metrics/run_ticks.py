@@ -91,13 +91,6 @@ class FreeRun:
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
         return np.asarray(np.where(self.contacts["body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
 
-    @cached_property
-    def grip(self) -> FloatArray:
-        """Force of the hand's contacts at the ticks, their sizes summed [N], shape (T,)."""
-        of, ticks = self.of_hand, len(self["position"])
-        size = np.linalg.norm(self.force[of], axis=1)
-        return np.asarray(np.bincount(self.contacts["tick"][of], size, ticks), np.float64)
-
     @property
     def raised(self) -> float:
         """Largest rise of the centre above its place at the first tick [m]."""
