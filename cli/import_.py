@@ -12,7 +12,6 @@ from .arguments.recording_options import FileSettings, HandData
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
-    from hhsim.recordings.recording import Recording
 
 Stamp = Annotated[float, Number(-1e12, 1e12)]
 """Stamp [s], which may count from 1970."""
@@ -34,8 +33,8 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
     )
     keep_angles: bool = option("Keep joint angles beyond the hand's limits.")
 
-    def options(self, recording: "Recording", file: FileSettings) -> "CleaningOptions":
-        """Return the options for the library; the units of the numbers are those of `file`."""
+    def options(self) -> "CleaningOptions":
+        """Return the options for the library."""
         from hhsim.hand.model import HandModel
         from hhsim.recordings.cleaning import CleaningOptions
 
@@ -45,11 +44,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
         elif self.hand_file is not None:
             limits["limits"] = HandModel.from_toml(self.hand_file)
         return CleaningOptions(
-            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "other_hand")},
-            time_unit=file.time_unit,
-            length_unit=None if recording.scaled else file.length_unit,
-            angle_unit=file.angle_unit,
-            **limits,
+            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "other_hand")}, **limits
         )
 
 
@@ -112,7 +107,7 @@ def command(
         others["dexmo"] = read_calibration(calibration)
     read_options = reading.options(others)
     recording = read_recording(file, read_options).changed(**labels.given())
-    cleaning_options = cleaning.options(recording, reading)
+    cleaning_options = cleaning.options()
     hand_text = ""
     with named(file):
         if fit_hand is not None:

@@ -67,8 +67,10 @@ class ReadOptions:
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None  # axis of the recording's world that points up; None takes the file's
     usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
-    # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
+    # Units of the numbers in the file; None if it states them, or to detect them.
+    time_unit: str | None = None
     length_unit: str | None = None
+    angle_unit: str | None = None
     rate: float | None = None  # samples a second [Hz], of a file without stamps
     hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
     mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz

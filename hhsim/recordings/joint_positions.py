@@ -185,7 +185,6 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         flexion=flexion,
         abduction=abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
-        scaled=True,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,

@@ -24,6 +24,7 @@ from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.unit_detection import in_our_units
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -178,7 +179,9 @@ def recording_suffixes() -> tuple[str, ...]:
 
 
 def read_recording(path: str | Path, options: ReadOptions | None = None, original: Path | None = None) -> Recording:
-    """Read a recording; `original` is the file that it was made from, beside which its object's poses may lie.
+    """Read a recording, in our units.
+
+    `original` is the file that it was made from, beside which its object's poses may lie.
 
     Raises TrajectoryError, in one line that begins with the path, for no such file, an unknown format, or a damaged
     one; InputError for options that do not fit the file.
@@ -191,7 +194,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None, origina
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
-    """Read the recording in the content of a file; errors as of `read_recording`."""
+    """Read the recording in the content of a file, in our units; errors as of `read_recording`."""
     form = format_of(content, options)
     if options.palm_axes is not None:
         axes_matrix(options.palm_axes, "--palm-axes")
@@ -209,7 +212,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.mirror is not None:
         content.note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
     content.note(*content.stated.told())
-    return recording.found(*content.told())
+    return in_our_units(recording.found(*content.told()), options)
 
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
@@ -234,7 +237,7 @@ def _with_stated_fields(recording: Recording, content: Content, options: ReadOpt
     if not side and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
         unsure = "with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
         content.note(f"nothing names the hand; {unsure}")
-    stated = "length" in recording.stated or recording.scaled or options.length_unit is not None
+    stated = "length" in recording.stated or options.length_unit is not None
     metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
     if metre is not None:
         recording = recording.resized(metre).changed(stated=recording.stated | {"length"})
@@ -342,7 +345,7 @@ def write_recording(
 def read_new_file(path: Path, recording: Recording) -> Recording:
     """Return a recording with the hand of the new file that `write_recording` made of it."""
     if recording.joints is None:
-        again = read_recording(path, ReadOptions(hand=recording.hand))
+        again = read_recording(path, ReadOptions(hand=recording.hand, time_unit="s", length_unit="m", angle_unit="rad"))
         return recording.changed(**{name: getattr(again, name) for name in HandConfiguration._fields})
     options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
     again = read_recording(path, options)

@@ -37,7 +37,6 @@ from hhsim.recordings.registry import (
     repaired_suffix,
     write_recording,
 )
-from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
 from hhsim.repair.projection import GivenObject, HandJudge, Projection, farthest
@@ -100,7 +99,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
     read, bodies = _reading(request), bodies_of(request)
-    recording = in_our_units(request.recording, read)
+    recording = read_recording(request.recording, read)
     skin = _skin(request.recording, read, recording)
     recording, recorded, touched = prepared(request, read, recording, bodies, skin)
     check_target(request.recording, recording, request.out)
@@ -120,7 +119,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     # What is judged is what the file says, without angles that fit its joints.
     again = replace(read, fits_angles=recording.joints is None)
     written = (
-        in_our_units(request.out, again, request.recording)
+        read_recording(request.out, again, request.recording)
         if recording.is_written_back
         else read_new_file(request.out, recording)
     )
@@ -232,7 +231,7 @@ def prepared(
         if len(bodies.settings) > 1:
             # Joints of the object are at 0 s at the first stamp of the hand, or of both that are repaired.
             both = [] if request.of_both is None else [replace(read, hand=each) for each in SIDES]
-            hands = [in_our_units(request.source, options) for options in both] or [recording]
+            hands = [read_recording(request.source, options) for options in both] or [recording]
             began = min(float(np.nanmin(each.time)) + each.first_stamp for each in hands)
         recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
     recording = suspect_joints(recording)
@@ -336,13 +335,6 @@ def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:
             raise MeshError(f"{what} encloses nothing, so that no hand is inside; expected a closed mesh")
     # A hand is kept out of the triangles themselves: their tree is the broad phase of who reads the result.
     return bodies.with_trees(lambda mesh: triangle_tree(mesh, TREE_LEVEL))
-
-
-def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
-    """Read a recording, and detect units that it does not state; arguments and errors as of `read_recording`."""
-    recording = read_recording(path, read, original)
-    with named(path):
-        return clean_units(recording)
 
 
 def _skin(path: Path, read: ReadOptions, recording: Recording) -> Skin | None:
