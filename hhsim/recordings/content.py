@@ -1,6 +1,5 @@
 """Content of a file, read no further than needed, and the options for reading it; JSON of any maker."""
 
-import io
 import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, npy_of, npz_of, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import VALIDITY_WORDS, StatedFields, joint_name, kind_of, words_of
@@ -171,10 +170,9 @@ class Content:
         if self.head.startswith(PICKLES):
             return pickled_with(self.data, new)
         if self.holds_dictionary:
-            out = io.BytesIO()
-            np.save(out, np.array(replaced(npy_dictionary(self.data, self.what), new), dtype=object))
-            return out.getvalue()
-        return npy_with(self.data, new[ROWS]) if self.head.startswith(NPY) else npz_with(self.data, new)
+            return npy_of(replaced(npy_dictionary(self.data, self.what), new))
+        arrays = replaced(self.arrays, new)
+        return npy_of(arrays[ROWS]) if self.head.startswith(NPY) else npz_of(arrays)
 
     @cached_property
     def table(self) -> Table:

@@ -185,7 +185,7 @@ def test_what_cannot_be_written_says_so(tmp_path: Path) -> None:
     path.write_bytes(array_npy(np.round(1e3 * POINTS).astype(np.int32)))
     options = ReadOptions(rate=100.0, hand="right", world_up="y")
     recording = read_recording(path, options)
-    with pytest.raises(InputError, match="an array of int32"):
+    with pytest.raises(InputError, match="is of int32"):
         write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npy")
     with pytest.raises(OutputError, match=r"keeps its format; expected a name in \.npy"):
         write_recording(path, options, recording, a_correction(recording), tmp_path / "new.npz")
