@@ -64,29 +64,6 @@ class Correction:
     changed: BoolArray  # samples with a correction, shape (T,)
 
 
-def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Move recorded joints with their bones, each of which keeps its length.
-
-    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm origin of the fitted hand and its
-    displacement [m] have shape (T, 3), the rotations of the bones (T, 16, 3, 3).
-    """
-    moved = np.empty_like(joints)
-    palm = rotation[:, 0]
-    moved[:, 0] = _turned(palm, joints[:, 0] - origin) + origin + shift
-    for finger in range(5):
-        first = 1 + 4 * finger
-        moved[:, first] = _turned(palm, joints[:, first] - origin) + origin + shift
-        for bone in range(3):
-            along = joints[:, first + bone + 1] - joints[:, first + bone]
-            turned = _turned(rotation[:, 1 + 3 * finger + bone], along)
-            moved[:, first + bone + 1] = moved[:, first + bone] + turned
-    return moved
-
-
-def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray((rotation @ vectors[..., None])[..., 0])
-
-
 class Changes(NamedTuple):
     """Samples of a recording with a correction, in the coordinates of its file."""
 
@@ -102,7 +79,8 @@ class Changes(NamedTuple):
         """Move points of one of OpenXR's joints, shape (N, 3); those beyond the 21 move with the palm."""
         if joint in KEYPOINTS:
             return np.asarray(points + self.shift[:, KEYPOINTS.index(joint)])
-        return _turned(self.turn[:, 0], points - self.centre) + self.centre + self.move
+        turned = (self.turn[:, 0] @ (points - self.centre)[..., None])[..., 0]
+        return np.asarray(turned + self.centre + self.move)
 
     def motion(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
