@@ -33,14 +33,14 @@ LEAST = 1e-15
 """Remainder of that weight for them, below an angle's resolution."""
 
 
-def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray]:
+def finger_angles(bones: FloatArray, axes: "FingerAxes") -> tuple[FloatArray, FloatArray]:
     """Compute the flexion and abduction that fit recorded bones best.
 
     `bones` are directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
-    length, NaN where missing, shape (T, 5, 3, 3). Returns flexion, shape (T, 5, 3), and abduction, shape (T, 5) [rad];
-    NaN where a bone of the finger is missing.
+    length, NaN where missing, shape (T, F, 3, 3), of fingers with these axes. Returns flexion, shape (T, F, 3), and
+    abduction, shape (T, F) [rad]; NaN where a bone of the finger is missing.
     """
-    distal, dorsal, across = finger_axes(side)
+    distal, dorsal, across = axes
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
@@ -254,9 +254,8 @@ def fitted_angles(
         # A bone of no length has no direction.
         whole &= (np.diff(joints[:, f], axis=1) != 0.0).any(axis=2).all(axis=1)
         if whole.any():
-            own = [part[f] for part in axes]
-            chain = _Finger(joints[whole, f, 1:] - base[f], length[f], FingerAxes(*own), low[f], high[f])
-            angles[whole, f] = chain.followed()
+            own = FingerAxes(*(part[f] for part in axes))
+            angles[whole, f] = _Finger(joints[whole, f, 1:] - base[f], length[f], own, low[f], high[f]).followed()
     return angles[..., 1:], angles[..., 0]
 
 
@@ -289,13 +288,13 @@ class _Finger:
     def followed(self) -> FloatArray:
         """Return the angles of all samples, shape (T, 4)."""
         chosen = self.points[spread_samples(len(self.points))]
-        angles = self._solved(chosen, self._start(chosen, NOISE_FLOOR), NOISE_FLOOR, None)
+        angles = self._solved(chosen, self._start(chosen), NOISE_FLOOR, None)
         noise = noise_of(self._squares(chosen, angles), FREE)
         blocks: list[FloatArray] = []
         for first in range(0, len(self.points), BLOCK):
             points = self.points[first : first + BLOCK]
             before = blocks[-1][-1] if blocks else None
-            angles = self._solved(points, self._start(points, noise), noise, before)
+            angles = self._solved(points, self._start(points), noise, before)
             steady = self._unbroken(points, angles, noise)
             blocks.append(angles if steady is angles else self._solved(points, steady, noise, before))
         return np.concatenate(blocks)
@@ -325,23 +324,11 @@ class _Finger:
                     angles[k] = self._solved(points[k : k + 1], near[None], noise, near)[0]
         return angles
 
-    def _start(self, points: FloatArray, noise: float) -> FloatArray:
-        """Return angles in the plane of the joints or in that of the bones, whichever is nearer, of each sample."""
-        planes = (points, np.diff(points, axis=1, prepend=0.0))
-        found = [self._in_plane(points, vectors, noise) for vectors in planes]
-        squares = [self._squares(points, angles) for angles in found]
-        return np.where((squares[1] < squares[0])[:, None], found[1], found[0])
-
-    def _in_plane(self, points: FloatArray, vectors: FloatArray, noise: float) -> FloatArray:
-        """Return angles of joints in the plane nearest to vectors of each sample, shape (T, 3, 3)."""
-        turn = plane_abduction(vectors @ self.distal, vectors @ self.across, noise)
-        along, aside, above = (points @ axis for axis in (self.distal, self.across, self.dorsal))
-        onward = np.cos(turn)[:, None] * along + np.sin(turn)[:, None] * aside
-        steps = [np.diff(part, axis=1, prepend=0.0) for part in (-above, onward)]
-        flexion = np.diff(np.arctan2(*steps), axis=1, prepend=0.0)
-        middle = 0.5 * (self.low + self.high)[1:]
-        flexion = middle + (flexion - middle + np.pi) % (2.0 * np.pi) - np.pi
-        return np.clip(np.column_stack([turn, flexion]), self.low, self.high)
+    def _start(self, points: FloatArray) -> FloatArray:
+        """Return angles in the plane of the bones of each sample."""
+        axes = FingerAxes(*(axis[None] for axis in (self.distal, self.dorsal, self.across)))
+        flexion, abduction = finger_angles(np.diff(points, axis=1, prepend=0.0)[:, None], axes)
+        return np.clip(np.column_stack([abduction, flexion[:, 0]]), self.low, self.high)
 
     def jacobian(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute joints from the base, shape (T, 3, 3), and their derivatives by the angles, shape (T, 3, 3, 4)."""
