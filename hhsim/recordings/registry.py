@@ -16,7 +16,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-from hhsim.recordings.content import PICKLES, ZIP
+from hhsim.recordings.content import ZIP
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.frames import FileFrame, axes_matrix
@@ -254,14 +254,11 @@ def repaired_suffix(path: Path, options: ReadOptions) -> str:
     """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
     content = Content(path)
     try:
-        # All pickles are written back, whatever they hold.
-        if not content.head.startswith(PICKLES):
-            is_same = _is_written_back(format_of(content, options), content, options)
-            return path.suffix if is_same else NEW_SUFFIXES[0]
+        is_same = _is_written_back(format_of(content, options), content, options)
     except InputError:
         # Whoever reads it says what is wrong.
-        pass
-    return path.suffix
+        is_same = True
+    return path.suffix if is_same else NEW_SUFFIXES[0]
 
 
 def _is_written_back(form: RecordingFormat, content: Content, options: ReadOptions) -> bool:
@@ -318,14 +315,3 @@ def write_recording(
             off = float(apart[np.isfinite(apart)].max(initial=0.0))
     write_atomically(target, data)
     return off
-
-
-def read_new_file(path: Path, recording: Recording) -> Recording:
-    """Return a recording with the hand of the new file that `write_recording` made of it."""
-    if recording.joints is None:
-        again = read_recording(path, ReadOptions(hand=recording.hand, time_unit="s", length_unit="m", angle_unit="rad"))
-        return recording.changed(**{name: getattr(again, name) for name in HandConfiguration._fields})
-    options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
-    again = read_recording(path, options)
-    assert again.joints is not None
-    return recording.changed(joints=FileFrame(recording.file_frame.turn).to_world(again.joints))

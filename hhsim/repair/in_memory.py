@@ -113,7 +113,7 @@ def repair(
             arrays["object_quat_wxyz"] = np.asarray(turns, np.float64)
         read = ReadOptions(**{"length_unit": "m", "form": "keypoints", **given}, rate=rate)
         held = read_content(Content(data=npz_of(arrays)), read)
-    request = RepairRequest(path, str(object_), path, hand=held.hand, max_correction=max_correction, palm=palm)
+    request = RepairRequest(path, str(object_), path, max_correction=max_correction, palm=palm)
     if isinstance(object_, DeclaredBodies):
         bodies = object_
     elif isinstance(object_, Mesh):

@@ -69,7 +69,7 @@ def field_score(
         k = int(np.argmax(off))
         stamps = f"{after.time[k]:.6f} s; expected {before.time[k]:.6f} s"
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
-    request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses, hand=before.hand)
+    request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses)
     bodies = checked_bodies(DeclaredBodies.of_mesh(mesh), mesh.name)
     made = prepared(request, read, before, bodies)
     scene = made.recorded
