@@ -14,13 +14,13 @@ the matrix is banded, as only neighbours in time are coupled.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, MIRROR, PALM_CENTER, default_fingers
+from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
@@ -60,11 +60,9 @@ def finger_angles(bones: FloatArray, axes: "FingerAxes") -> tuple[FloatArray, Fl
 
 
 @lru_cache
-def usual_fingers(side: HandSide = "right") -> dict[str, FloatArray]:
-    """Return the default hand's fingers, as `hhsim.hand.model.default_fingers`, mirrored for a left hand."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    mirror = MIRROR if side == "left" else np.ones(3)
-    return sizes | {key: sizes[key] * mirror for key in ("base", "distal", "dorsal")}
+def usual_hand(side: HandSide = "right") -> HandModel:
+    """Return the default hand of a side."""
+    return HandModel.default("left" if side == "left" else "right")
 
 
 class FingerAxes(NamedTuple):
@@ -77,15 +75,15 @@ class FingerAxes(NamedTuple):
     dorsal: FloatArray
     across: FloatArray
 
+    @classmethod
+    def of(cls, hand: HandModel) -> Self:
+        """Return the axes of a hand."""
+        return cls(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
 
-@lru_cache
+
 def finger_axes(side: HandSide) -> FingerAxes:
     """Return the default hand's finger axes."""
-    distal, dorsal = (usual_fingers(side)[key] for key in ("distal", "dorsal"))
-    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
-    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
-    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    return FingerAxes(distal, dorsal, (-1.0 if side == "left" else 1.0) * np.cross(dorsal, distal))
+    return FingerAxes.of(usual_hand(side))
 
 
 def finger_joints(
@@ -125,14 +123,7 @@ def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
-    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], usual_wrist(side)[None], side))
-
-
-def usual_wrist(side: HandSide) -> FloatArray:
-    """Return the default hand's wrist [m], palm frame, shape (3,)."""
-    distal, lateral = PALM_CENTER
-    middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
-    return np.asarray(middle * (MIRROR if side == "left" else 1.0))
+    return conjugate(_from_knuckles(usual_hand(side).base[None, 1:], usual_hand(side).wrist[None], side))
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
@@ -144,7 +135,7 @@ def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> F
 
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
     """Compute the palm origin [m], shape (T, 3), that puts the model's knuckles, in the middle, at recorded ones."""
-    return np.asarray(knuckles.mean(axis=1) - turned(orientation, usual_fingers(side)["base"][1:].mean(axis=0)))
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, usual_hand(side).base[1:].mean(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,9 +214,9 @@ def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, Float
 
     Flexions have the clinical active range widened by `PASSIVE_DEGREES`, or our hand's where this is wider.
     """
-    usual, clinical = usual_fingers(), np.array(FLEXION_DEGREES)
-    low = np.minimum(np.radians(clinical[..., 0] - PASSIVE_DEGREES), usual["flexion_min"])
-    high = np.maximum(np.radians(clinical[..., 1] + PASSIVE_DEGREES), usual["flexion_max"])
+    usual, clinical = usual_hand(), np.array(FLEXION_DEGREES)
+    low = np.minimum(np.radians(clinical[..., 0] - PASSIVE_DEGREES), usual.flexion_min)
+    high = np.maximum(np.radians(clinical[..., 1] + PASSIVE_DEGREES), usual.flexion_max)
     for limit in (low, high):
         limit[:, 0] += straight_flexion(axes, side)
     aside = np.full((len(FINGERS), 1), np.radians(LARGEST_ABDUCTION))
@@ -234,7 +225,7 @@ def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, Float
 
 def straight_flexion(axes: FingerAxes, side: HandSide) -> FloatArray:
     """Return the flexion of each finger's first joint [rad] at which it points as the default hand's straight one."""
-    usual = usual_fingers(side)["distal"]
+    usual = usual_hand(side).distal
     return np.asarray(np.arctan2(-(usual * axes.dorsal).sum(axis=1), (usual * axes.distal).sum(axis=1)))
 
 

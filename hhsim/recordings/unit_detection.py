@@ -20,7 +20,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.content import ReadOptions
-from hhsim.recordings.finger_ik import usual_fingers
+from hhsim.recordings.finger_ik import usual_hand
 from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import Recording, note
 
@@ -149,8 +149,8 @@ def _angles(recording: Recording) -> Recording:
         converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
         return converted.with_angles(angles * ANGLE_UNITS["deg"]).changed(angle_unit=ANGLE_UNITS["deg"])
     # As degrees within ±200°, as radians maybe beyond what a hand bends.
-    sizes = usual_fingers()
-    least, most = (np.append(sizes[f"flexion_{end}"], sizes[f"abduction_{end}"]) for end in ("min", "max"))
+    hand = usual_hand()
+    least, most = np.append(hand.flexion_min, hand.abduction_min), np.append(hand.flexion_max, hand.abduction_max)
     beyond = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
     share = float((beyond >= JOINTS_BEYOND).mean())
     if share > MANY and not stated:
