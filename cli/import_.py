@@ -90,18 +90,20 @@ def command(
     from hhsim.errors import named
     from hhsim.hand.fingers import FINGERS
     from hhsim.hand.model import HandModel
-    from hhsim.motion.file import check_trajectory_path, save_trajectory
+    from hhsim.motion.csv_file import CSV_SUFFIX
+    from hhsim.motion.file import HDF5_SUFFIXES, load_trajectory, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, import_document
     from hhsim.recordings.dexmo_regression import read_calibration
-    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
+    from hhsim.recordings.fitted_hand import fitted_hand
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path, holds
 
     output_path = output.path(file.stem or "recording")
-    check_trajectory_path(output_path)
+    check_output_path(output_path, "trajectory", load_trajectory, (*HDF5_SUFFIXES, CSV_SUFFIX))
     if fit_hand is not None:
-        check_hand_path(fit_hand)
+        check_output_path(fit_hand, "hand file", holds(b"hand_length"), (".toml",))
     others = {**data.given(), "hand_length": metres(cleaning.hand_length)}
     if calibration is not None:
         others["dexmo"] = read_calibration(calibration)

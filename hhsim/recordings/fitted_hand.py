@@ -6,13 +6,12 @@ Pereyra, SIAM J. Numer. Anal. 10, 1973).
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import OutputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -33,7 +32,6 @@ from hhsim.recordings.finger_ik import (
 )
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.recording import Recording, note
-from hhsim.system.output_path import check_output_path, holds
 
 USUAL_TILT = 0.35
 """Standard deviation of a dorsal axis from the usual one [rad]."""
@@ -211,10 +209,3 @@ def in_angles_of(recording: Recording, hand: HandModel) -> Recording:
         length[:, 2] += hand.radius[:, 3]
     flexion, abduction = fitted_angles(at, hand.base, length, FingerAxes.of(hand), bones.hand)
     return recording.changed(position=position, flexion=flexion, abduction=abduction)
-
-
-def check_hand_path(path: Path) -> None:
-    """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
-    if path.suffix.lower() != ".toml":
-        raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
-    check_output_path(path, "hand file", holds(b"hand_length"))
