@@ -256,10 +256,10 @@ class Content:
         if cells:
             self.note(f"{counted(cells, 'cell')}{where} without a number: taken as missing")
 
-    def numbers(self, table: Table, columns: Sequence[str], where: str = "") -> FloatArray:
+    def numbers(self, table: Table, columns: Sequence[str]) -> FloatArray:
         """Return the numbers of some columns, NaN where missing, shape (T, C), and tell of cells without one."""
         values, broken = table.numbers(columns)
-        self.unreadable(broken, where)
+        self.unreadable(broken, f" of {columns[0]}{' and its like' if len(columns) > 1 else ''}")
         return values
 
     def unused(self, held: Mapping[str, Any], used: Collection[str | None] = ()) -> None:

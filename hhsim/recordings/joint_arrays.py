@@ -142,7 +142,7 @@ def joints_of_table(
     what = recognised(located(joints), side)
 
     def cells(*columns: str) -> FloatArray:
-        return content.numbers(table, columns, f" of {columns[0]} and its like")
+        return content.numbers(table, columns)
 
     def stated(column: str) -> FloatArray:
         return np.array([*map(stated_value, table.text(column))])

@@ -277,7 +277,7 @@ def table_arrays(content: Content, table: Table, *, alone: bool = False) -> tupl
     for name, parts in groups.items():
         if len(parts) in sizes[name.split("_")[1]]:
             columns = [parts[k] for k in sorted(parts)]
-            arrays[name] = content.numbers(table, columns, f" of {columns[0]} and its like")
+            arrays[name] = content.numbers(table, columns)
             used.update(columns)
     return arrays, used
 
