@@ -170,7 +170,7 @@ def command(
     from hhsim.result.writer import add_document
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.free_object import require_free
+    from hhsim.solver.options import require_free
     from hhsim.solver.scene_solver import SceneSolver
 
     if moving.hand == "both" and output.repeat > 1:

@@ -42,10 +42,9 @@ from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
-from hhsim.solver.free_object import require_free
 from hhsim.solver.hand_solver import keeps_hands_apart
 from hhsim.solver.method import METHODS, USUAL
-from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
+from hhsim.solver.options import TOUCH, SolverOptions, Stiffness, require_free
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"

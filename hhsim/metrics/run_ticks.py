@@ -46,7 +46,7 @@ class FreeRun:
 
     body: Datasets  # datasets of the body's ticks by name
     contacts: Datasets  # columns of its contacts by name, and `body`, as of `hhsim.result.body.Contacts`
-    properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.solver.free_object`
+    properties: Mapping[str, Any]  # `Body.properties` of `hhsim.scene.body`
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
     stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
     offset: float  # clearance that contacts keep [m]

@@ -33,7 +33,7 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSI
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
-from hhsim.solver.free_object import EngineBody, FreeObject
+from hhsim.scene.body import Body, HalfSpace
 from hhsim.solver.method import Engine, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, tick_record
@@ -57,9 +57,9 @@ class HandSolver:
         surface: Object's surface, world frame, of the kind that the options name: a
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
-        free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
-            world and returned as seen from the object, whose own motion is in `object_ticks`.
-        others: Further bodies beside a free object. A hand that begins in one of them is freed of it, too.
+        free: A free body, whose surface at the start `surface` is. Ticks are given in the world and returned as seen
+            from it; its own motion is in `object_ticks`.
+        others: Further bodies beside it, and the plane. A hand that begins in one of them is freed of it, too.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
@@ -71,8 +71,8 @@ class HandSolver:
         hand: HandModel,
         surface: Any,
         options: SolverOptions,
-        free: FreeObject | None = None,
-        others: Sequence[EngineBody] = (),
+        free: Body | None = None,
+        others: Sequence[Body | HalfSpace] = (),
     ) -> None:
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
@@ -196,9 +196,7 @@ class WarmUp(NamedTuple):
 
 
 @collector_at_rest()
-def warm_up(
-    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False
-) -> WarmUp:
+def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *, jointed: bool = False) -> WarmUp:
     """Run one tick of a hand far from a small body, fixed, free or driven, with every kernel."""
     began = time.perf_counter()
     before = compiled_kernels()
@@ -211,10 +209,7 @@ def warm_up(
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(
-        hand,
-        surface,
-        options if method.compiled or free is not None else replace(options, method="coupled"),
-        None if free is None else replace(free, table=None),
+        hand, surface, options if method.compiled or free is not None else replace(options, method="coupled"), free
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
@@ -310,15 +305,15 @@ class WorldSolver:
     Args:
         hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
             is at first and with the same options: each places its hand at the start.
-        free: Physical properties of a free object beside two hands.
-        others: Further bodies beside it.
+        free: A free body beside two hands, whose surface is that of the hands.
+        others: Further bodies beside it, and the plane.
 
     Raises:
         InputError: Options that a free object does not go with.
     """
 
     def __init__(
-        self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[EngineBody] = ()
+        self, hands: Sequence[HandSolver], free: Body | None = None, others: Sequence[Body | HalfSpace] = ()
     ) -> None:
         self.hands = tuple(hands)
         self._spaces = tuple(hand.workspace for hand in hands)

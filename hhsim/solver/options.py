@@ -70,6 +70,18 @@ def usual_budget(period: float) -> int:
     return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
+def require_free(options: "SolverOptions") -> None:
+    """Raise an InputError unless a free body can be solved with these options."""
+    qp = options.qp
+    for wrong, message in (
+        (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
+        (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
+        (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
+    ):
+        if wrong:
+            raise InputError(message)
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class SolverOptions:
     """Options of the solver; lengths in metres; InputError for an unknown name, or a number out of its range."""

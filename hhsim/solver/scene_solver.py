@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from hhsim.arrays import Records
 from hhsim.hand.configuration import HandConfiguration
@@ -20,11 +19,10 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result.schema import bodies_row
-from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
+from hhsim.scene.body import Body, Driven, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, warm_up
 from hhsim.solver.method import find_method
 from hhsim.solver.options import SolverOptions
@@ -47,9 +45,9 @@ class SeenScene:
         place: Pose of the object's frame, or of that of the bodies' file, at the first tick, (3,) and (4,), world.
         carrier: That pose at each tick, which the engine's frame goes along with; None if the frame is the world's.
         haptic: Hands at the ticks, in the frame.
-        free: The first free body as its engine takes it.
+        free: The first free body.
         parts: Several bodies with their poses, which those of free ones become when ticks have run.
-        others: Bodies beside a free one: as its engine takes them, True if fixed, with the body itself.
+        others: Bodies beside a free one, and the plane.
     """
 
     mesh: Mesh
@@ -57,32 +55,27 @@ class SeenScene:
     place: ObjectMotion
     carrier: ObjectMotion | None
     haptic: tuple[HandConfiguration, ...]
-    free: FreeObject | None
+    free: Body | None
     parts: MovingParts | None
-    others: tuple[tuple[FreeObject, bool, Body], ...] = ()
+    others: tuple[Body | HalfSpace, ...] = ()
+
+    @property
+    def beside(self) -> tuple[Body, ...]:
+        """Bodies beside a free one."""
+        return tuple(body for body in self.others if isinstance(body, Body))
 
     def surface(self, kind: str) -> ContactSurface:
         """Return what hands touch, but bodies beside a free one, as `spheres` or `mesh`."""
-        if self.parts is not None and not self.others:
+        if self.parts is not None and self.free is None:
             return self.parts.surface(kind)
         return contact_surface(kind, self.mesh, self.tree)
-
-    def bodies(self, kind: str) -> list[EngineBody]:
-        """Return the bodies beside a free one."""
-        driven = {} if self.parts is None else self.parts.driven
-        return [
-            EngineBody(
-                contact_surface(kind, body.placed_mesh, body.placed_tree), free, fixed, body.name, driven.get(body.name)
-            )
-            for free, fixed, body in self.others
-        ]
 
 
 def seen_scene(scene: Scene) -> SeenScene:
     """Return a scene as its engine sees it."""
     solids, first = list(scene.solids), scene.hands[0]
     given = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
-    moves = [body for body in solids if isinstance(body.motion, Free)]
+    moves = [body for body in solids if body.is_free]
     if moves:
         solids.sort(key=lambda body: body is not moves[0])
     body = solids[0]
@@ -90,13 +83,10 @@ def seen_scene(scene: Scene) -> SeenScene:
     if len(solids) > 1:
         place = ObjectMotion(first.trajectory.object_position, first.trajectory.object_orientation)
     if moves:
-        free = [_free_object(one, scene.plane) for one in solids]
-        if any(one.joint and one.joint.on == body.name for one in solids):
-            free[0] = replace(free[0], name=body.name)
-        others = tuple((own, isinstance(one.motion, Fixed), one) for own, one in zip(free[1:], solids[1:]))
+        planes = [body for body in scene.bodies if isinstance(body, HalfSpace)]
         mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
-        parts = _free_parts(scene, solids) if others else None
-        return SeenScene(mesh, tree, place, None, given, free[0], parts, others)
+        parts = _free_parts(scene, solids) if len(solids) > 1 else None
+        return SeenScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
         moved = None if carrier is None else along(carrier)
@@ -155,19 +145,6 @@ def _free_parts(scene: Scene, solids: Sequence[Body]) -> MovingParts:
     return MovingParts(scene.name, names, meshes, trees, room, {}, free=True, driven=driven)
 
 
-def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
-    """Return a body as the engine of free ones takes it; of one that is not free friction alone counts."""
-    about: dict[str, Any] = {"friction": body.friction, "torsion": body.torsion}
-    if plane is not None:
-        about |= {"table": plane.height, "table_friction": plane.friction}
-    if not isinstance(body.motion, Free):
-        return FreeObject.of_mesh(body.placed_mesh, **about)
-    if (joint := body.joint) is not None:
-        limits = joint.limits and (joint.limits[0] - joint.value, joint.limits[1] - joint.value)
-        about["joint"] = structs.replace(joint, limits=limits, start=None)
-    return FreeObject(**vars(body.motion), **about)
-
-
 def standing_apart(scene: Scene, surface: str) -> Scene:
     """Return a scene in which no free body begins in the spheres of another one, if these are the surface."""
     if surface != "spheres" or len(scene.solids) < 2:
@@ -197,12 +174,11 @@ class SceneSolver:
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
-        self.bodies = self.seen.bodies(kind)
         self.hands = tuple(
-            HandSolver(hand.model, surface, self.options, alone, self.bodies)
+            HandSolver(hand.model, surface, self.options, alone, self.seen.others)
             for hand, surface in zip(scene.hands, self.surfaces)
         )
-        self.world = WorldSolver(self.hands, free, self.bodies)
+        self.world = WorldSolver(self.hands, free, self.seen.others)
 
     def run(self, ticks: slice) -> tuple[TickRecord, ...]:
         """Run the next ticks, which are these of the scene; return the record of each hand."""
@@ -229,7 +205,7 @@ class OneTick:
 
     def __init__(self, solver: SceneSolver) -> None:
         self._world, self._begun = solver.world, False
-        hands, bodies = len(solver.hands), 0 if solver.seen.free is None else 1 + len(solver.bodies)
+        hands, bodies = len(solver.hands), 0 if solver.seen.free is None else len(solver.scene.solids)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
         self.haptic.orientation[..., 0] = 1.0
         self.record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))

@@ -7,10 +7,11 @@ from typing import Any
 import click
 import numpy as np
 import pytest
+from free_scenes import body_of, box
 
 from hhsim.errors import InputError
 from hhsim.ranges import RANGES, check_range
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Free, HalfSpace
 from hhsim.solver.options import NUMBERS, SolverOptions, Stiffness
 
 COMMANDS: list[Any] = list(importlib.import_module("tools.cli_reference").commands())
@@ -108,7 +109,11 @@ def give(name: str, value: Any) -> object:
         return SolverOptions(method="progressive", **{name: value})
     if name.startswith("stiffness "):
         return Stiffness(**{name.removeprefix("stiffness "): value})
-    return FreeObject(**{**BODY, name: (value,) * 3 if name in VECTORS else value})
+    if name in ("table", "table_friction"):
+        return HalfSpace("table", **{"height": 0.0, "height" if name == "table" else "friction": value})
+    if name in ("friction", "torsion"):
+        return body_of(box((0.05, 0.05, 0.05)), **{name: value})
+    return Free(**{**BODY, name: (value,) * 3 if name in VECTORS else value})
 
 
 @pytest.mark.parametrize("name", TAKEN)

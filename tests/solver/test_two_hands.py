@@ -1,17 +1,16 @@
 """Two hands at one free object, against closed forms, each other's mirror image and a hand that is alone."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from free_scenes import TIP, box, tongs
+from free_scenes import TIP, body_of, box, tongs
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.world.record import ObjectRecord
-from hhsim.solver.free_object import EngineBody, FreeObject
+from hhsim.scene.body import Body
 from hhsim.solver.hand_solver import HandSolver, WorldSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -38,12 +37,9 @@ class Run(NamedTuple):
     object: ObjectRecord
 
 
-def two_handed(
-    mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[EngineBody] = (), **options: Any
-) -> WorldSolver:
-    surface = contact_surface("mesh", mesh, None)
-    chosen = SolverOptions(surface="mesh", **options)
-    return WorldSolver([HandSolver(hand, surface, chosen) for hand in hands], free, others)
+def two_handed(body: Body, hands: tuple[HandModel, HandModel], **options: Any) -> WorldSolver:
+    surface, chosen = contact_surface("mesh", body.mesh, None), SolverOptions(surface="mesh", **options)
+    return WorldSolver([HandSolver(hand, surface, chosen) for hand in hands], body)
 
 
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:
@@ -60,11 +56,10 @@ def pressing(ticks: int, height: float) -> list[HandConfiguration]:
 class Pressed:
     """A block between two fingers, which weighs nothing until it is loaded."""
 
-    def __init__(self, height: float = 0.0, friction: float = FRICTION, others: Sequence[EngineBody] = ()) -> None:
-        mesh = box([EDGE] * 3)
-        free = FreeObject.of_mesh(mesh, mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
+    def __init__(self, height: float = 0.0, friction: float = FRICTION) -> None:
+        body = body_of(box([EDGE] * 3), mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
-        self.solver = two_handed(mesh, free, (tongs(), tongs()), others, fingers=("index",), stiffness=stiffness)
+        self.solver = two_handed(body, (tongs(), tongs()), fingers=("index",), stiffness=stiffness)
         engine: Any = self.solver.engine
         self.bodies = engine.world.bodies
         self.way = pressing(60, height)
