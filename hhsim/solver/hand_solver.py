@@ -149,7 +149,7 @@ class HandSolver:
         if workspace.beside and self.free is None:
             return STATUS_START_INSIDE
         # The start is no part of the method: every method begins from the same place.
-        engine = self.world or WorldEngine(workspace, None)
+        engine = self.world or WorldEngine(workspace)
         engine.approach(START_LINEARISATIONS)
         if engine is not self.engine:
             self.engine.begin()
@@ -392,7 +392,7 @@ class WorldSolver:
         first, engine = self.hands[0], self.engine or self.hands[0].world
         if first.method.compiled and engine is None and len(self.hands) == 1:
             return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
-        engine = engine or WorldEngine(first.workspace, None)
+        engine = engine or WorldEngine(first.workspace)
         compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
         return engine.call(haptic, record, bodies, compiled)
 

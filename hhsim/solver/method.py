@@ -1,9 +1,9 @@
 """Methods: what each promises, its options and engine, and how it is found by its name.
 
-hhsim's own are modules of `hhsim.solver.methods` with a `METHOD`. An installed package declares one as an entry point
-of the group "hhsim.methods"; `package.module:Class` names an undeclared one. Either is a `Method`, or a class as
-`hhsim.solver.outside_method.OutsideMethod`. Surfaces are found alike: modules of `hhsim.kernels.surfaces` with a
-`SURFACE` and its kernels.
+hhsim's own are in `METHODS`. An installed package declares one as an entry point of the group "hhsim.methods";
+`package.module:Class` names an undeclared one. Either is a `Method`, or a class as
+`hhsim.solver.outside_method.OutsideMethod`. Surfaces are modules of `hhsim.kernels.surfaces` with a `SURFACE` and its
+kernels.
 """
 
 import hashlib
@@ -77,10 +77,44 @@ class Method:
         return frozenset(promise for promise in PROMISES if getattr(self, promise))
 
 
-METHODS: Registry[Method] = Registry(
-    "hhsim.solver.methods", "METHOD", "method", first=("coupled", "progressive", "paper", "penalty")
-)
-"""hhsim's own methods by name; `hhsim.solver.method` knows those from outside too."""
+def _made(module: str, name: str, workspace: Any) -> Engine:
+    # Imported when it is made: an engine stands above what only names methods.
+    engine: Engine = getattr(import_module(f"hhsim.solver.{module}"), name)(workspace)
+    return engine
+
+
+OWN = {
+    "coupled": Method(
+        summary="one program for the whole hand",
+        engine=partial(_made, "world_engine", "WorldEngine"),
+        never_penetrates=True,
+        nearest_to_user=True,
+        follows_input=True,
+        takes_backends=True,
+        takes_self_contact=True,
+    ),
+    "progressive": Method(
+        summary="the paper's way made safe, first the palm, then each finger",
+        engine=partial(_made, "world_engine", "WorldEngine"),
+        never_penetrates=True,
+        follows_input=True,
+        takes_threads=True,
+    ),
+    "paper": Method(
+        summary="the paper's way as printed",
+        engine=partial(_made, "block_engine", "paper_engine"),
+        refuses_surfaces="the paper's constraints are between frustums and spheres",
+        # Forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm.
+        defaults={"force": "paper", "linearisations": 1, "margin": 5e-4},
+    ),
+    "penalty": Method(
+        summary="spring-dampers at the contacts and no program",
+        engine=partial(_made, "block_engine", "penalty_engine"),
+        refuses_surfaces="its springs let the hand sink in, and triangles have no depth",
+    ),
+}
+METHODS: Registry[Method] = Registry(OWN, kind="method", first=tuple(OWN))
+"""hhsim's own methods by name; `find_method` knows those from outside too."""
 
 
 def methods_that(promise: str) -> tuple[str, ...]:
@@ -185,7 +219,7 @@ def find_method(name: str) -> Method:
     facts = facts_of(found)
     return Method(
         summary=facts["summary"],
-        engine=partial(_engine, name, found, facts["forces"]),
+        engine=partial(_outside_engine, name, found, facts["forces"]),
         never_penetrates=facts["never_penetrates"],
         follows_input=True,
         gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
@@ -214,11 +248,10 @@ def _no_engine(name: str, workspace: Any) -> Engine:
     raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
 
 
-def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
-    # As hhsim's own, the engine is imported when it is made: it stands above what only names methods.
-    from hhsim.solver.outside_method import MethodHere, OutsideEngine
+def _outside_engine(name: str, make: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
+    from hhsim.solver.outside_method import OutsideEngine
 
-    return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)
+    return OutsideEngine(name, make, forces, workspace)
 
 
 SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))

@@ -34,7 +34,7 @@ from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
@@ -168,10 +168,6 @@ class TickWorkspace:
         """Return a point that a hand in the object, or in a body beside it, moves away from [m], world, shape (3,)."""
         surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
-
-    def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""
-        return int(run_block(*self.block(method, haptic, record)))
 
     def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
         """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""

@@ -113,7 +113,7 @@ class WorldEngine:
     def __init__(
         self,
         workspace: TickWorkspace,
-        free: Body | None,
+        free: Body | None = None,
         second: TickWorkspace | None = None,
         others: Sequence[Body | HalfSpace] = (),
     ) -> None:

@@ -37,7 +37,7 @@ from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
 from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
+from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.reference_optimum import best_hands
 from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_hand, seen_scene
 from hhsim.solver.workspace import TickWorkspace
@@ -445,18 +445,17 @@ class _SubmittedEngine(OutsideEngine):
         side = workspace.model.side
         submission = next(hand for hand in submission.hands if hand.hand in ("", side))
         made = partial(_SubmittedPoses, submission)
-        forces = submission.phalanx_force is not None
-        super().__init__(partial(MethodHere, name, made, forces), forces, workspace)
+        super().__init__(name, made, submission.phalanx_force is not None, workspace)
         self.duration = submission.duration
 
     def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
         surface = self.workspace.surface
         if isinstance(surface, JointedSurface):
-            put_parts(surface, surface.motion.path[self.runner.ticks])
+            put_parts(surface, surface.motion.path[self.ticks])
         super()._tick(sample, i, record)
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
-        first = self.runner.ticks
+        first = self.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
         # The time of looking a pose up here is no time of the method.
