@@ -136,7 +136,7 @@ class HandRows:
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = self.solver.world.object_ticks()
+            free = self.solver.world.object_ticks
             moved = RigidMotion(free.turn, free.shift)
             own = free_columns(free, *seen.place)
             contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))

@@ -330,49 +330,51 @@ class WorldSolver:
         With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
         `object_ticks`.
         """
-        blocks = tuple(HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
-        begun = [0] * len(blocks)
-        if not self._started and len(blocks[0].position):
-            begun = self.begin(blocks)
-        records = self._run(blocks, haptic)
-        for record, start in zip(records, begun):
-            record.status[:1] |= start
-        return records
+        given = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
+        record = tick_record(*given.position.shape[:2])
+        blocks, records = views_of_hands(given, record)
+        if not given.position.shape[1]:
+            return tuple(records)
+        begun = [0] * len(blocks) if self._started else self.begin(blocks)
+        if self._two is None:
+            status = self.tick(given, record)
+        else:
+            done = self._run_two(self._two, given, record)
+            status = int(np.bitwise_or.reduce(record.status[:, done - 1])) if done else 0
+        if status & STATUS_CAPACITY_EXCEEDED:
+            raise self._spaces[0].full()
+        for written, start in zip(records, begun):
+            written.status[:1] |= start
+        return tuple(records)
 
-    def object_ticks(self, hand: int = 0) -> "ObjectRecord":
-        """Return the record of the free object in the last ticks as of one of the hands, see `WorldEngine.seen_by`."""
+    def _run_two(self, two: WorldEngine, haptic: HapticBlock, record: TickRecord) -> int:
+        if self._has_free:
+            return two.run_many(haptic, record)
+        kernel, arguments = self._call_apart(two, *views_of_hands(haptic, record))
+        with ExitStack() as stack:
+            for alone in self._alone:
+                stack.enter_context(alone.thread_team.at_work(alone.method))
+            return int(kernel(*arguments))
+
+    def _call_apart(
+        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of two hands beside each other, and its arguments."""
+        from hhsim.kernels.world.side_by_side import run_hands_apart
+
+        alone = tuple(engine.method for engine in self._alone)
+        return run_hands_apart, (alone, two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code)
+
+    @property
+    def object_ticks(self) -> "ObjectRecord":
+        """Record of the free object in the last ticks."""
         assert self.engine is not None
-        return self.engine.seen_by(hand)
+        return self.engine.ticks
 
     @property
     def all_ticks(self) -> "BodiesRecord | None":
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return None if self.engine is None else self.engine.all_ticks
-
-    def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
-        two = self._two
-        if two is None:
-            return tuple(hand.run(*given) for hand, given in zip(self.hands, haptic))
-        records = tuple(tick_record(len(block.position)) for block in blocks)
-        if self._has_free:
-            done = two.run_many(blocks, records)
-        else:
-            from hhsim.kernels.world.side_by_side import run_hands_apart
-
-            with ExitStack() as stack:
-                for alone in self._alone:
-                    stack.enter_context(alone.thread_team.at_work(alone.method))
-                done = run_hands_apart(*self._of_both(two, blocks, records))
-        if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
-            raise two.workspace.full()
-        return records
-
-    def _of_both(
-        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
-    ) -> tuple[Any, ...]:
-        """Return the arguments of `run_hands_apart`."""
-        first, second = (alone.method for alone in self._alone)
-        return (first, second), two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code
 
     @property
     def _alone(self) -> list[WorldEngine]:
@@ -384,11 +386,9 @@ class WorldSolver:
 
         Those of hands have the hand as the first axis; `bodies` is written where one is free.
         """
-        given, written = _of_each(haptic, record)
+        given, written = views_of_hands(haptic, record)
         if self._two is not None and not self._has_free:
-            from hhsim.kernels.world.side_by_side import run_hands_apart
-
-            return run_hands_apart, self._of_both(self._two, given, written)
+            return self._call_apart(self._two, given, written)
         first, engine = self.hands[0], self.engine or self.hands[0].world
         if first.method.compiled and engine is None and len(self.hands) == 1:
             return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
@@ -396,10 +396,12 @@ class WorldSolver:
         compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
         return engine.call(haptic, record, bodies, compiled)
 
-    def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
-        """Run ticks of each hand alone, see `HandSolver.tick`; arrays as for `tick_call`."""
-        for hand, given, written in zip(self.hands, *_of_each(haptic, record), strict=True):
-            hand.tick(given, written)
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run ticks of each hand alone, and return their last status bits; arrays as for `tick_call`."""
+        status = 0
+        for hand, given, written in zip(self.hands, *views_of_hands(haptic, record), strict=True):
+            status |= hand.tick(given, written)
+        return status
 
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place both hands, apart where they begin in each other; return the status bits of each first tick.
@@ -422,7 +424,7 @@ class WorldSolver:
         return begun
 
 
-def _of_each(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
+def views_of_hands(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
     """Return views for each hand of arrays that have the hand as the first axis."""
     hands = range(len(haptic.position))
     given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]

@@ -143,49 +143,26 @@ def method_names() -> list[str]:
 
 def outside_class(name: str) -> Any:
     """Import the class of a declared method or `package.module:Class`; raises InputError or UnknownNameError."""
-    if name in declared_methods():
-        found = _imported(name, declared_methods()[name].load)
-    elif ":" in name:
-        found = _imported(name, lambda: _named(name))
-    else:
-        raise UnknownNameError("method", name, method_names())
+    entry = declared_methods().get(name, EntryPoint(name, name, GROUP))
+    if name not in declared_methods():
+        if ":" not in name:
+            raise UnknownNameError("method", name, method_names())
+        here = str(Path.cwd())
+        if here not in sys.path:
+            # Behind all that is installed: a file beside the user's data must not take a library's place.
+            sys.path.append(here)
+    try:
+        found = entry.load()
+    except (Exception, SystemExit) as error:
+        # Whatever somebody else's module raises is told in one line.
+        where = "package.module:Class, from the current folder or installed"
+        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
     missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
     if not isinstance(found, Method) and (not isinstance(found, type) or missing):
         what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
         expected = "expected a class with __init__(scene), begin(pose) and tick(haptic)"
         raise InputError(f"method '{name}' is no method: {found!r} {what}; {expected}")
     return found
-
-
-def _named(name: str) -> Any:
-    module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # Behind all that is installed: a file beside the user's data must not take a library's place.
-        sys.path.append(here)
-    return getattr(import_module(module), attribute)
-
-
-def _imported(name: str, load: Callable[[], Any]) -> Any:
-    try:
-        return load()
-    except (Exception, SystemExit) as error:
-        # Whatever somebody else's module raises is told in one line.
-        where = "package.module:Class, from the current folder or installed"
-        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
-
-
-def facts_of(made: Any) -> dict[str, Any]:
-    """Return `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source` (SHA-256, or "") of a class."""
-    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
-    return {
-        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        "forces": bool(getattr(made, "gives_forces", False)),
-        "work": bool(getattr(made, "gives_work", False)),
-        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
-        "missing": str(getattr(made, "missing", "")),
-        "source": source_of(made),
-    }
 
 
 def source_of(made: Any) -> str:
@@ -216,16 +193,17 @@ def find_method(name: str) -> Method:
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
-    facts = facts_of(found)
+    lines = (found.__doc__ or "").strip().splitlines()
+    forces, work = (bool(getattr(found, name, False)) for name in ("gives_forces", "gives_work"))
     return Method(
-        summary=facts["summary"],
-        engine=partial(_outside_engine, name, found, facts["forces"]),
-        never_penetrates=facts["never_penetrates"],
+        summary=str(getattr(found, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
+        engine=partial(_outside_engine, name, found, forces),
+        never_penetrates=bool(getattr(found, "never_penetrates", False)),
         follows_input=True,
-        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
+        gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []), *([UNITS] if work else []))),
         compiled=False,
-        missing=facts["missing"],
-        source=facts["source"],
+        missing=str(getattr(found, "missing", "")),
+        source=source_of(found),
     )
 
 

@@ -23,11 +23,11 @@ from hhsim.scene.body import Body, Driven, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, warm_up
+from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, views_of_hands, warm_up
 from hhsim.solver.method import find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
-from hhsim.solver.world_engine import seen_ticks
+from hhsim.solver.world_engine import MOVING, seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -185,10 +185,8 @@ class SceneSolver:
         return self.world.run(*(hand.at(ticks) for hand in self.seen.haptic))
 
 
-MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
-"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
 ROWS = ObjectRecord._fields[len(MOVING) + 1 :]
-"""Fields of its contacts."""
+"""Fields of the contacts of a `WorldRecord`."""
 
 
 class OneTick:
@@ -208,7 +206,7 @@ class OneTick:
         hands, bodies = len(solver.hands), 0 if solver.seen.free is None else len(solver.scene.solids)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
         self.haptic.orientation[..., 0] = 1.0
-        self.record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
+        self.record = tick_record(hands, 1)
         self.row = zeroed(bodies_row(bodies))
         arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
         self.kernel, self.arguments = solver.world.tick_call(self.haptic, self.record, _world_record(arrays))
@@ -235,28 +233,26 @@ class OneTick:
             return
         begun = []
         if not self._begun:
-            hands = range(len(self.haptic.position))
-            begun = self.begin([HapticBlock(*(values[h] for values in self.haptic)) for h in hands])
+            begun = self.begin(views_of_hands(self.haptic, self.record)[0])
         self._entry(*self.arguments)
         for h, start in enumerate(begun):
             self.record.status[h, 0] |= start
 
     def run(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         """Solve a tick for each configuration of the hands, and keep the bodies' as the solver's last ticks."""
-        count = len(haptic[0].position)
-        records, rows = tuple(tick_record(count) for _ in haptic), zeroed(self.row.dtype, count)
+        given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
+        count = given.position.shape[1]
+        record, rows = tick_record(len(haptic), count), zeroed(self.row.dtype, count)
         for i in range(count):
-            for h, hand in enumerate(haptic):
-                for values, given in zip(self.haptic, hand):
-                    values[h, 0] = given[i]
+            for values, of in zip(self.haptic, given):
+                values[:, 0] = of[:, i]
             self.solve()
-            for h, record in enumerate(records):
-                for written, found in zip(record, self.record):
-                    written[i] = found[h, 0]
+            for written, found in zip(record, self.record):
+                written[:, i] = found[:, 0]
             rows[i] = self.row[0]
         if (engine := self._world.engine) is not None and len(self.row["turn"][0]):
             engine.ticks, engine.all_ticks = bodies_ticks(rows)
-        return records
+        return tuple(views_of_hands(given, record)[1])
 
 
 def bodies_ticks(rows: Records) -> tuple[ObjectRecord, BodiesRecord | None]:

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, FloatArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import hand_reach
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, HandArrays
+from hhsim.kernels.hand.kinematics import PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
@@ -41,6 +41,8 @@ from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.hierarchy import build_hierarchy
 
+MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
+"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
 MOST_POINTS = 1024
 """Most corners or spheres by which a body meets another one: as many as a palm may have."""
 FLAT = 1e-9
@@ -158,8 +160,7 @@ class WorldEngine:
             filled(edges, MOST_BODIES),
         )
         self.thread_team = ThreadTeam(workspace.options.threads if second is None else 1, self.qp)
-        self.ticks = object_record(0)
-        self.all_ticks: BodiesRecord | None = None
+        self.ticks, self.all_ticks = seen_ticks(whole_record(bodies, 0))
         self._called: Any = None
         self._ticks = 0
         self._name_pairs()
@@ -409,13 +410,12 @@ class WorldEngine:
             bodies[name] = 0
         problem.slacks = 0
         self.begin()
-        goals = [hand.states[0].haptic for hand in self.hands]
-        haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
-        records = [tick_record(1) for _ in self.hands]
+        goals, record = [hand.states[0].haptic for hand in self.hands], tick_record(len(self.hands), 1)
+        haptic = HapticBlock(*(np.stack([goal[name] for goal in goals])[:, None] for name in HapticBlock._fields))
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
         method = self.method._replace(options=options, giving=0)
-        self._run(method, haptic, records, self._still(1))
-        if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
+        self._run(method, haptic, record, self._still(1))
+        if record.status[0, 0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
             copy_configuration(state.pose, hand.states[0].pose)
@@ -424,39 +424,30 @@ class WorldEngine:
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         """See `Engine.run`."""
-        return self.run_many((haptic,), (record,))
+        written: Any = (values[None] for values in record)
+        return self.run_many(HapticBlock(*(values[None] for values in haptic)), TickRecord(*written))
 
-    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
-        """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
+    def run_many(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run the ticks of all hands, which are the first axis, and bodies, whose program is one; return those done."""
+        done, own = self._run(self.method, haptic, record, self._driven(haptic.position.shape[1]))
         if self.bodies:
             self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
-        self, method: World, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
+        self, method: World, haptic: HapticBlock, record: TickRecord, driven: FloatArray
     ) -> tuple[int, WorldRecord]:
         """Run ticks by a method; return those done, and the record of the bodies."""
-        own = whole_record(len(driven), len(haptic[0].position) if self.bodies else 0)
-        given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
+        own = whole_record(len(driven), haptic.position.shape[1] if self.bodies else 0)
         if self.thread_team.works:
             # Compiled before there are helpers, which would look on, each on a processor of its own.
-            none = HapticBlock(*(values[:, :0] for values in given))
-            run_many(method, self.states, self.qp, none, written, own, driven, self.code)
+            none = HapticBlock(*(values[:, :0] for values in haptic))
+            run_many(method, self.states, self.qp, none, record, own, driven, self.code)
         with self.thread_team.at_work(method):
-            done = int(run_many(method, self.states, self.qp, given, written, own, driven, self.code))
+            done = int(run_many(method, self.states, self.qp, haptic, record, own, driven, self.code))
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
-        if len(record) > 1:
-            for h, of_hand in enumerate(record):
-                for values, found in zip(of_hand, written):
-                    values[...] = found[h]
         return done, own
-
-    def seen_by(self, hand: int) -> ObjectRecord:
-        """Return the record of the object as that of the first or the second hand: its own bodies come first."""
-        body = self.ticks.body
-        return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
     def call(
         self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord, compiled: bool = True
@@ -472,38 +463,19 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
     return (*values, *(values[-1] for _ in range(len(values), count)))
 
 
-def _of_all(values: Sequence[AnyArray]) -> AnyArray:
-    """Return arrays of hands in one with the hand first; that of one hand shares its memory."""
-    return values[0][None] if len(values) == 1 else np.stack(values)
-
-
 def whole_record(bodies: int, ticks: int) -> WorldRecord:
     """Allocate the record of all bodies in a block of ticks."""
-    record = world_record(bodies, ticks)
     # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-    rows = len(record.body)
-    return WorldRecord(record, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((bodies, ticks, 6)))
-
-
-def world_record(bodies: int, ticks: int) -> ObjectRecord:
-    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
-    first, moved = object_record(ticks), ObjectRecord._fields.index("contact")
-    moving = (np.zeros((bodies, *values.shape)) for values in first[:moved])
-    return ObjectRecord._make([*moving, *first[moved:]])
-
-
-def object_record(ticks: int) -> ObjectRecord:
-    """Allocate the record of the object in a block of ticks."""
     zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
-    return ObjectRecord(
-        turn=zeros((ticks, 4)),
-        shift=zeros((ticks, 3)),
-        velocity=zeros((ticks, 3)),
-        angular_velocity=zeros((ticks, 3)),
-        hand_wrench=zeros((ticks, 6)),
-        table_wrench=zeros((ticks, 6)),
-        table_distance=zeros(ticks),
-        friction_residual=zeros(ticks),
+    record = ObjectRecord(
+        turn=zeros((bodies, ticks, 4)),
+        shift=zeros((bodies, ticks, 3)),
+        velocity=zeros((bodies, ticks, 3)),
+        angular_velocity=zeros((bodies, ticks, 3)),
+        hand_wrench=zeros((bodies, ticks, 6)),
+        table_wrench=zeros((bodies, ticks, 6)),
+        table_distance=zeros((bodies, ticks)),
+        friction_residual=zeros((bodies, ticks)),
         contact=zeros(ticks + 1, np.int64),
         body=zeros(rows, np.int64),
         point=zeros((rows, 3)),
@@ -513,19 +485,15 @@ def object_record(ticks: int) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+    return WorldRecord(record, zeros(rows, np.int64), zeros((rows, 3)), zeros((bodies, ticks, 6)))
 
 
 def seen_ticks(record: WorldRecord) -> tuple[ObjectRecord, BodiesRecord | None]:
-    """Return the record of the first body, and of all if there are several."""
-    every = of_each(record)
-    return (of_first(every), every) if len(every.bodies) > 1 else (every.bodies[0], None)
-
-
-def of_each(record: WorldRecord) -> BodiesRecord:
-    """Return the record of each body, as views."""
-    moved = ObjectRecord._fields.index("contact")
-    own, shared = record.bodies[:moved], record.bodies[moved:]
-    return BodiesRecord(tuple(ObjectRecord(*rows, *shared) for rows in zip(*own)), *record[1:])
+    """Return the record of the first body, and of each, as views, if there are several."""
+    own, shared = record.bodies[: len(MOVING)], record.bodies[len(MOVING) :]
+    bodies = tuple(ObjectRecord(*rows, *shared) for rows in zip(*own))
+    every = BodiesRecord(bodies, *record[1:])
+    return (of_first(every), every) if len(bodies) > 1 else (bodies[0], None)
 
 
 def of_first(record: BodiesRecord) -> ObjectRecord:

@@ -63,13 +63,13 @@ class Pressed:
         engine: Any = self.solver.engine
         self.bodies = engine.world.bodies
         self.way = pressing(60, height)
-        self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks(0))
+        self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks)
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
         self.bodies[0].gravity[2] = -weight / MASS
         held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
-        return Run(self.solver.run(*held), self.solver.object_ticks(0))
+        return Run(self.solver.run(*held), self.solver.object_ticks)
 
 
 def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it() -> None:
