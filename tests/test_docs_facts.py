@@ -44,7 +44,7 @@ from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
 from hhsim.solver.hand_solver import keeps_hands_apart
 from hhsim.solver.method import METHODS, USUAL
-from hhsim.solver.options import TOUCH, SolverOptions, Stiffness, require_free
+from hhsim.solver.options import FREE, TOUCH, SolverOptions, Stiffness, require_options
 from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -123,11 +123,11 @@ def test_what_is_said_not_to_be_there_is_refused_and_what_is_there_is_not_denied
     assert "a free object with another method than `coupled`" in not_for
     for name in METHODS:
         with contextlib.nullcontext() if name == "coupled" else pytest.raises(InputError, match="has no free objects"):
-            require_free(SolverOptions(method=name))
+            require_options(SolverOptions(method=name), FREE)
     assert "Fingers keep out of each other with `--self-contact on`, with method `coupled`." in " ".join(
         FAQ.text.split()
     )
-    require_free(SolverOptions(self_contact=True))
+    require_options(SolverOptions(self_contact=True), FREE)
     through = [name for name in METHODS if not keeps_hands_apart(SolverOptions(method=name))]
     names = " and ".join(f"`{name}`" for name in through)
     assert (

@@ -94,7 +94,7 @@ class Replay:
                 for first in range(0, total, CHUNK_TICKS):
                     report("ticks", first, total)
                     ticks = slice(first, min(first + CHUNK_TICKS, total))
-                    writer.append(self._rows(ticks, self.solver.run(ticks)))
+                    writer.append(self._rows(ticks, self.solver.run(*(hand.at(ticks) for hand in seen.haptic))))
                     check_interrupt()
                 report("ticks", total, total)
             return self._finish(writer)

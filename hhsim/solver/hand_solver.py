@@ -35,7 +35,7 @@ from hhsim.metrics.metrics import penetration
 from hhsim.reproducible import norm
 from hhsim.scene.body import Body, HalfSpace
 from hhsim.solver.method import Engine, find_method
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.solver.workspace import TickWorkspace, tick_record
 from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
@@ -80,7 +80,7 @@ class HandSolver:
         if free is None and self.method.missing:
             raise InputError(f"method {options.method} {self.method.missing}")
         if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
-            require_jointed(options)
+            require_options(options, PARTS)
         self.free = None if free is None else WorldEngine(self.workspace, free, others=others)
         self.engine: Engine = self.free or self.method.engine(self.workspace)
         self._started = False
@@ -174,18 +174,6 @@ class HandSolver:
         state.decoupling.is_suspended = False
         self.engine.begin()
         self._started = True
-
-
-_SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
-"""Options that bodies of several parts go with."""
-
-
-def require_jointed(options: SolverOptions) -> None:
-    """Raise an InputError unless a body of several parts can be touched with these options."""
-    for name, expected in _SOLVED_WITH.items():
-        if (found := getattr(options, name)) not in expected:
-            wanted = " or ".join(map(str, expected))
-            raise InputError(f"{name} {found} has no bodies of several parts: expected {wanted}")
 
 
 class WarmUp(NamedTuple):

@@ -70,16 +70,19 @@ def usual_budget(period: float) -> int:
     return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
-def require_free(options: "SolverOptions") -> None:
-    """Raise an InputError unless a free body can be solved with these options."""
-    qp = options.qp
-    for wrong, message in (
-        (options.method != "coupled", f"method {options.method} has no free objects: coupled has"),
-        (qp != "active-set", f"a free object is solved for by hhsim's own QP solver, not {qp}: use active-set"),
-        (options.force != "kkt", "with a free object the forces are the program's own: use the force model kkt"),
-    ):
-        if wrong:
-            raise InputError(message)
+FREE, PARTS = "free objects", "bodies of several parts"
+_SOLVED_WITH: Mapping[str, Mapping[str, tuple[Any, ...]]] = {
+    FREE: {"method": ("coupled",), "qp": ("active-set",), "force": ("kkt",)},
+    PARTS: {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)},
+}
+"""Options that either goes with."""
+
+
+def require_options(options: "SolverOptions", what: str) -> None:
+    """Raise an InputError unless `FREE` objects, or bodies of several `PARTS`, can be touched with these options."""
+    for name, expected in _SOLVED_WITH[what].items():
+        if (found := getattr(options, name)) not in expected:
+            raise InputError(f"{name} {found} has no {what}: expected {' or '.join(map(str, expected))}")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

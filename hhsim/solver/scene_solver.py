@@ -23,9 +23,9 @@ from hhsim.scene.body import Body, Driven, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, views_of_hands, warm_up
+from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, views_of_hands, warm_up
 from hhsim.solver.method import find_method
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
 from hhsim.solver.world_engine import MOVING, seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
@@ -153,11 +153,10 @@ def standing_apart(scene: Scene, surface: str) -> Scene:
     return replace(scene, bodies=tuple(solids.get(body.name, body) for body in scene.bodies))
 
 
-class SceneSolver:
-    """Runs the ticks of a scene; the records of each block are as the engine's frame sees the hands.
+class SceneSolver(WorldSolver):
+    """Runs the ticks of a scene, whose hands and their records are as the engine's frame sees them.
 
-    `hands` are the solvers of each hand, which place it at the start, also where all have one program, which is
-    `world`'s. InputError for options that the scene does not go with.
+    InputError for options that the scene does not go with.
     """
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
@@ -167,22 +166,18 @@ class SceneSolver:
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
         self.is_jointed = self.seen.parts is not None and free is None
         if self.is_jointed and not find_method(self.options.method).beside_parts:
-            require_jointed(self.options)
+            require_options(self.options, PARTS)
         alone = None if two else free
         self.prepared: tuple[WarmUp, ...] = tuple(
             warm_up(hand.model, self.options, alone, jointed=self.is_jointed) for hand in scene.hands
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
-        self.hands = tuple(
+        hands = [
             HandSolver(hand.model, surface, self.options, alone, self.seen.others)
             for hand, surface in zip(scene.hands, self.surfaces)
-        )
-        self.world = WorldSolver(self.hands, free, self.seen.others)
-
-    def run(self, ticks: slice) -> tuple[TickRecord, ...]:
-        """Run the next ticks, which are these of the scene; return the record of each hand."""
-        return self.world.run(*(hand.at(ticks) for hand in self.seen.haptic))
+        ]
+        super().__init__(hands, free, self.seen.others)
 
 
 ROWS = ObjectRecord._fields[len(MOVING) + 1 :]
@@ -202,14 +197,14 @@ class OneTick:
     """
 
     def __init__(self, solver: SceneSolver) -> None:
-        self._world, self._begun = solver.world, False
+        self._solver, self._begun = solver, False
         hands, bodies = len(solver.hands), 0 if solver.seen.free is None else len(solver.scene.solids)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
         self.haptic.orientation[..., 0] = 1.0
         self.record = tick_record(hands, 1)
         self.row = zeroed(bodies_row(bodies))
         arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
-        self.kernel, self.arguments = solver.world.tick_call(self.haptic, self.record, _world_record(arrays))
+        self.kernel, self.arguments = solver.tick_call(self.haptic, self.record, _world_record(arrays))
 
     @property
     def address(self) -> int:
@@ -224,12 +219,12 @@ class OneTick:
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place the hands for their first tick, see `WorldSolver.begin`; without it `solve` does."""
         self._begun = True
-        return self._world.begin(haptic)
+        return self._solver.begin(haptic)
 
     def solve(self) -> None:
         """Solve a tick from Python; raises what the solver does."""
         if self.kernel is None:
-            self._world.tick(self.haptic, self.record)
+            self._solver.tick(self.haptic, self.record)
             return
         begun = []
         if not self._begun:
@@ -250,7 +245,7 @@ class OneTick:
             for written, found in zip(record, self.record):
                 written[:, i] = found[:, 0]
             rows[i] = self.row[0]
-        if (engine := self._world.engine) is not None and len(self.row["turn"][0]):
+        if (engine := self._solver.engine) is not None and len(self.row["turn"][0]):
             engine.ticks, engine.all_ticks = bodies_ticks(rows)
         return tuple(views_of_hands(given, record)[1])
 

@@ -36,7 +36,7 @@ from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
 from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
-from hhsim.solver.options import UNLIMITED, require_free
+from hhsim.solver.options import FREE, UNLIMITED, require_options
 from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.hierarchy import build_hierarchy
@@ -120,7 +120,7 @@ class WorldEngine:
         others: Sequence[Body | HalfSpace] = (),
     ) -> None:
         if free is not None:
-            require_free(workspace.options)
+            require_options(workspace.options, FREE)
         self.workspace = workspace
         self.bodies = () if free is None else (free, *(body for body in others if isinstance(body, Body)))
         self.hands = (workspace,) if second is None else (workspace, second)

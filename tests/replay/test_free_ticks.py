@@ -105,7 +105,7 @@ def test_an_object_moves_in_one_way_alone() -> None:
     [
         ("replay cube pinch --mass 0.1", "--mass is for a free object: add --free"),
         ("replay cube pinch --free --mass 0.1 --density 900", "--mass and --density exclude each other"),
-        ("replay cube pinch --free --method progressive", "method progressive has no free objects: coupled has"),
+        ("replay cube pinch --free --method progressive", "method progressive has no free objects: expected coupled"),
         ("replay cube pinch --free --threads 2", "threads is 2"),
         ("replay cube pinch --free --mass 0", "'--mass': 0.0 is not in the range 1e-09<=x<=1e+09"),
         ("replay cube pinch --free --table nan", "expected under, none, or a height in mm"),
