@@ -159,29 +159,25 @@ class DeclaredBodies:
         return self.path(np.zeros(1))
 
     def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
-        """Return the bodies in the world at the ticks of a motion, which places the frame of their file or moves it.
+        """Return the bodies in the world at the ticks of a motion, which places the frame of their file, or moves it.
 
         Raises InputError for a free body where the motion moves the object.
         """
-        carrier = ticks.object_motion
-        if carrier is not None and any(body.is_free for body in self.solids):
+        moves = ticks.object_motion is not None
+        if moves and any(body.is_free for body in self.solids):
             raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
         time, values = ticks.time, self.values(ticks.time)
-        steps = (len(time), 1)
-        frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
-        path = self.path(time)
+        steps, frame = (len(time), 1), ticks.object_motion
+        if frame is None:
+            frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
         # A body whose frame is the file's goes as the recording has it, without rounding.
-        poses = {name: carrier or frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
-        if carrier is not None:
-            along = carrier.since(carrier.position[0], carrier.orientation[0])
-            moved = ObjectMotion(along.shift, along.turn)
-            poses |= {name: composed(moved, poses[name]) for name, own in path.items() if not _is_still(own)}
+        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in self.path(time).items()}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solids:
             driven: BodyMotion = Fixed()
-            if carrier is not None or body.name in self.drives or body.name in values:
+            if moves or body.name in self.drives or body.name in values:
                 own = poses[body.name]
-                held = own if carrier else own.at(held_rows(np.concatenate(own, axis=1)))
+                held = own if moves else own.at(held_rows(np.concatenate(own, axis=1)))
                 driven = Driven(held, values.get(body.name))
             bearer = poses[body.bearer] if body.bearer else frame
             found[body.name] = self._placed(body, poses[body.name].at(0), bearer.at(0), driven, values)

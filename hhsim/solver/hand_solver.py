@@ -139,7 +139,7 @@ class HandSolver:
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
         in_itself = part_fingers(workspace)
-        inside = clearance(workspace) < 0.0
+        inside = min(distances_of(workspace)) < 0.0
         if inside:
             retreat(workspace)
         inside |= in_itself
@@ -207,13 +207,8 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     return WarmUp(time.perf_counter() - began, compiled_kernels() > before)
 
 
-def clearance(workspace: TickWorkspace) -> float:
-    """Signed distance [m] of the graphic hand to all surfaces, also deep inside, up to ten times the margin."""
-    return min(_clearances(workspace))
-
-
-def _clearances(workspace: TickWorkspace) -> list[float]:
-    """Signed distances [m] to the object, and to each body beside it."""
+def distances_of(workspace: TickWorkspace) -> list[float]:
+    """Signed distances [m] of the graphic hand to each surface, also deep inside, up to ten times the margin."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))
@@ -243,10 +238,10 @@ def part_fingers(workspace: TickWorkspace) -> bool:
 
 def retreat(workspace: TickWorkspace) -> None:
     """Shift the hand by the least distance that frees it, over 26 directions and away from what it is deepest in."""
-    pose, deepest = workspace.states[0].pose, int(np.argmin(_clearances(workspace)))
+    pose, deepest = workspace.states[0].pose, int(np.argmin(distances_of(workspace)))
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     away = joints.reshape(-1, 3).mean(axis=0) - workspace.center(deepest)
-    shift_until([pose.position], away, lambda: clearance(workspace), workspace.options.margin)
+    shift_until([pose.position], away, lambda: min(distances_of(workspace)), workspace.options.margin)
 
 
 def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Callable[[], float], clear: float) -> None:
@@ -427,7 +422,7 @@ def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
     def distance() -> float:
         for hand, state in zip(arrays, states):
             update_kinematics(hand, state.pose)
-        return min(hands_nearest(arrays, states, FAR, pairs), *(clearance(space) for space in spaces))
+        return min(hands_nearest(arrays, states, FAR, pairs), *(min(distances_of(space)) for space in spaces))
 
     if distance() >= 0.0:
         return False

@@ -14,7 +14,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.metrics.metrics import tracking_energy, tracking_excess
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import BY_SURFACE, UNBOUNDED, UNLIMITED, SolverOptions
+from hhsim.solver.options import UNBOUNDED, UNLIMITED, USUAL, SolverOptions
 
 REFERENCE_LINEARISATIONS = 400
 REFERENCE_STEP_TOLERANCE = 1e-8
@@ -27,7 +27,7 @@ def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, hapti
     `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths. Raises HhsimError
     where the optimum has more pairs than the solver holds.
     """
-    on_mesh = _converged(options, surface="mesh", skin=BY_SURFACE, touch=BY_SURFACE)
+    on_mesh = _converged(options, surface="mesh", skin=USUAL, touch=USUAL)
     return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)
 
 
