@@ -57,8 +57,9 @@ def both(mesh: Mesh, free: Any = None) -> None:
 
     from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import SIDES, HandModel
-    from hhsim.solver.hand_solver import HandSolver, WorldSolver
+    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.scene_solver import WorldSolver
     from hhsim.trees.contact_surface import contact_surface
 
     touched, far = contact_surface("mesh", mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))

@@ -42,10 +42,10 @@ from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
-from hhsim.solver.hand_solver import keeps_hands_apart
+from hhsim.solver.hand_solver import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
 from hhsim.solver.method import METHODS, USUAL
 from hhsim.solver.options import FREE, TOUCH, SolverOptions, Stiffness, require_options
-from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
+from hhsim.solver.scene_solver import keeps_hands_apart
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")

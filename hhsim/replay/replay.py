@@ -27,9 +27,8 @@ from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import keeps_hands_apart
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.scene_solver import SceneSolver, keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 

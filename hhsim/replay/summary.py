@@ -40,10 +40,9 @@ from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.hand_solver import HandSolver, WarmUp
+from hhsim.solver.hand_solver import HandSolver, WarmUp, reference_excess
 from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.reference_optimum import reference_excess
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.counted import counted
 from hhsim.trees.options import MOST_LEVEL

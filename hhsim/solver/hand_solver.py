@@ -1,53 +1,55 @@
-"""Solver of the graphic hand, one tick after another from a free place on, and of hands that keep out of each other.
+"""Solver of the graphic hand, one tick after another from a free place on, and the reference optimum of its tracking.
 
-With what moves freely hands move by one program.
+The reference of a method is `coupled`, converged.
 """
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.contact.contact_points import clearances
-from hhsim.kernels.contact.hand_pairs import hands_nearest
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
+from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import look_at
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import penetration
+from hhsim.metrics.metrics import penetration, tracking_energy, tracking_excess
 from hhsim.reproducible import norm
 from hhsim.scene.body import Body, HalfSpace
 from hhsim.solver.method import Engine, find_method
-from hhsim.solver.options import PARTS, SolverOptions, require_options
+from hhsim.solver.options import PARTS, UNBOUNDED, UNLIMITED, USUAL, SolverOptions, require_options
 from hhsim.solver.workspace import TickWorkspace, tick_record
 from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
+    from hhsim.kernels.world.record import ObjectRecord
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 SHARES = 64
 """Number of postures that are tried between a hand that is in itself and the straight one."""
+REFERENCE_LINEARISATIONS = 400
+REFERENCE_STEP_TOLERANCE = 1e-8
+"""Largest move of any point of the hand [m] in the last linearisation of a converged reference."""
 
 
 class HandSolver:
@@ -269,163 +271,57 @@ def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Cal
     place(nearest)
 
 
-FAR = 10.0
-"""Distance [m] up to which hands that begin in each other, or may, are measured."""
+def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
+    """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-
-def keeps_hands_apart(options: SolverOptions) -> bool:
-    """Return whether two hands of these options, on an object that is not free, keep out of each other."""
-    return options.method in ("coupled", "progressive") and options.qp == "active-set"
-
-
-class WorldSolver:
-    """Keeps hands between ticks, and what moves freely with them.
-
-    Where something is free all move by one program. Else each hand's ticks are those that it has alone, but for those
-    in which two might have met: these are made by one program of both. Methods that promise no distance to the object,
-    and other QP solvers, keep no two hands apart.
-
-    Args:
-        hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
-            is at first and with the same options: each places its hand at the start.
-        free: A free body beside two hands, whose surface is that of the hands.
-        others: Further bodies beside it, and the plane.
-
-    Raises:
-        InputError: Options that a free object does not go with.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths. Raises HhsimError
+    where the optimum has more pairs than the solver holds.
     """
-
-    def __init__(
-        self, hands: Sequence[HandSolver], free: Body | None = None, others: Sequence[Body | HalfSpace] = ()
-    ) -> None:
-        self.hands = tuple(hands)
-        self._spaces = tuple(hand.workspace for hand in hands)
-        self._has_free = free is not None
-        self.engine = hands[0].free
-        self._two: WorldEngine | None = None
-        if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
-            self._two = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
-        self._started = self._two is None
-
-    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
-        """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
-
-        With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
-        `object_ticks`.
-        """
-        given = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
-        record = tick_record(*given.position.shape[:2])
-        blocks, records = views_of_hands(given, record)
-        if not given.position.shape[1]:
-            return tuple(records)
-        begun = [0] * len(blocks) if self._started else self.begin(blocks)
-        if self._two is None:
-            status = self.tick(given, record)
-        else:
-            done = self._run_two(self._two, given, record)
-            status = int(np.bitwise_or.reduce(record.status[:, done - 1])) if done else 0
-        if status & STATUS_CAPACITY_EXCEEDED:
-            raise self._spaces[0].full()
-        for written, start in zip(records, begun):
-            written.status[:1] |= start
-        return tuple(records)
-
-    def _run_two(self, two: WorldEngine, haptic: HapticBlock, record: TickRecord) -> int:
-        if self._has_free:
-            return two.run_many(haptic, record)
-        kernel, arguments = self._call_apart(two, *views_of_hands(haptic, record))
-        with ExitStack() as stack:
-            for alone in self._alone:
-                stack.enter_context(alone.thread_team.at_work(alone.method))
-            return int(kernel(*arguments))
-
-    def _call_apart(
-        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
-    ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of two hands beside each other, and its arguments."""
-        from hhsim.kernels.world.side_by_side import run_hands_apart
-
-        alone = tuple(engine.method for engine in self._alone)
-        return run_hands_apart, (alone, two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code)
-
-    @property
-    def object_ticks(self) -> "ObjectRecord":
-        """Record of the free object in the last ticks."""
-        assert self.engine is not None
-        return self.engine.ticks
-
-    @property
-    def all_ticks(self) -> "BodiesRecord | None":
-        """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return None if self.engine is None else self.engine.all_ticks
-
-    @property
-    def _alone(self) -> list[WorldEngine]:
-        """Engine of each hand alone."""
-        return [hand.world for hand in self.hands if hand.world is not None]
-
-    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
-
-        Those of hands have the hand as the first axis; `bodies` is written where one is free.
-        """
-        given, written = views_of_hands(haptic, record)
-        if self._two is not None and not self._has_free:
-            return self._call_apart(self._two, given, written)
-        first, engine = self.hands[0], self.engine or self.hands[0].world
-        if first.method.compiled and engine is None and len(self.hands) == 1:
-            return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
-        engine = engine or WorldEngine(first.workspace)
-        compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
-        return engine.call(haptic, record, bodies, compiled)
-
-    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run ticks of each hand alone, and return their last status bits; arrays as for `tick_call`."""
-        status = 0
-        for hand, given, written in zip(self.hands, *views_of_hands(haptic, record), strict=True):
-            status |= hand.tick(given, written)
-        return status
-
-    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
-        """Place both hands, apart where they begin in each other; return the status bits of each first tick.
-
-        The first tick does it if nobody has, and must be given the same input.
-        """
-        self._started, two = True, self._two
-        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
-        if two is None:
-            return begun
-        parted = _part(self._spaces, two.world.meeting)
-        if parted:
-            begun = [start | STATUS_START_INSIDE for start in begun]
-        # Beside one body alone each hand has come as near as it can.
-        if parted or (any(begun) and self._spaces[0].beside):
-            two.approach(START_LINEARISATIONS)
-        elif self._has_free:
-            two.begin()
-        two.world.is_near, two.world.apart = parted, 0.0
-        return begun
+    on_mesh = _converged(options, surface="mesh", skin=USUAL, touch=USUAL)
+    return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)
 
 
-def views_of_hands(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
-    """Return views for each hand of arrays that have the hand as the first axis."""
-    hands = range(len(haptic.position))
-    given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
-    return given, [TickRecord(*(values[h] for values in record)) for h in hands]
+def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
+    return replace(
+        options,
+        method="coupled",
+        threads=1,
+        qp="active-set",
+        linearisations=REFERENCE_LINEARISATIONS,
+        budget=UNLIMITED,
+        step_tolerance=REFERENCE_STEP_TOLERANCE,
+        snap_speed=UNBOUNDED,
+        **changed,
+    )
 
 
-def _part(spaces: Sequence[TickWorkspace], pairs: Any) -> bool:
-    """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
-    arrays, states = tuple(space.hand for space in spaces), tuple(space.states[0] for space in spaces)
-    first, second = (state.pose for state in states)
+def reference_excess(
+    hand: HandModel,
+    surface: Any,
+    options: SolverOptions,
+    haptic: HandConfiguration,
+    graphic: HandConfiguration,
+    ticks: IntArray,
+) -> FloatArray:
+    """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    def distance() -> float:
-        for hand, state in zip(arrays, states):
-            update_kinematics(hand, state.pose)
-        return min(hands_nearest(arrays, states, FAR, pairs), *(min(distances_of(space)) for space in spaces))
-
-    if distance() >= 0.0:
-        return False
-    away, clear = first.position - second.position, spaces[0].options.margin
-    shift_until([first.position, second.position], away, distance, clear)
-    return True
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held,
+    with the stiffness and lengths of the options. NaN in free space, and where the graphic hand is too deep inside for
+    the reference. The surface is in the world, as `HandSolver` takes it; the hands are those of every tick.
+    """
+    solver = HandSolver(hand, surface, _converged(options))
+    diagonal = options.stiffness.diagonal()
+    found, wanted = graphic.at(ticks), haptic.at(ticks)
+    best = found.copy()
+    for i in range(len(ticks)):
+        block = None
+        # So deep inside that there are more pairs than the solver holds.
+        with suppress(HhsimError):
+            solver.place(*found.at(i))
+            block = solver.run(*wanted.part(i, i + 1)._replace(abduction=found.abduction[i : i + 1]))
+        if block is None or block.status[0] & STATUS_STUCK:
+            best.position[i] = np.nan
+            continue
+        for name in ("position", "orientation", "flexion"):
+            getattr(best, name)[i] = getattr(block, name)[0]
+    return tracking_excess(tracking_energy(wanted, found, diagonal), tracking_energy(wanted, best, diagonal))

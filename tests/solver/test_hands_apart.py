@@ -19,9 +19,10 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.scene.body import Body
-from hhsim.solver.hand_solver import HandSolver, WorldSolver
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 HANDS = HandModel.default("right"), HandModel.default("left")

@@ -11,8 +11,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.world.record import ObjectRecord
 from hhsim.scene.body import Body
-from hhsim.solver.hand_solver import HandSolver, WorldSolver
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 EDGE = 0.04
