@@ -377,11 +377,10 @@ class WorldEngine:
                 state.haptic[name][:] = plain.haptic[name]
             copy_values(np.array(plain.haptic.position), position)
             copy_values(np.array(plain.haptic.orientation), orientation)
-        workspace = self.workspace
         for body in world.bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
-        if not self._fits():
-            raise workspace.full()
+        if tick_world(self.method, self.states, self.qp, REBUILD) != 0:
+            raise self.workspace.full()
         problem = world.problem
         for state, body, other in zip(self.states, problem.body, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
@@ -393,10 +392,6 @@ class WorldEngine:
     def code(self) -> Any:
         """Machine code of a tick of all, see `kernels.machine_code`."""
         return code_of(tick_world, self.method, self.states, self.qp, 0)
-
-    def _fits(self) -> bool:
-        """Take all as it stands; return whether what is near fits into the arrays."""
-        return bool(tick_world(self.method, self.states, self.qp, REBUILD) == 0)
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
