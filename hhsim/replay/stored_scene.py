@@ -174,8 +174,9 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     if body.is_free:
         free = {each.name: own[each.name] for each in fields(Free) if each.name in own}
         motion = typed(free, Free, f"{body.name}: free object")
-        for kind in JOINT_BOUNDS.keys() & own.keys():
-            about["joint"] = typed({"type": kind, **own[kind]}, Joint, f"{body.name}: {kind}")
+        for kind in JOINT_BOUNDS:
+            if isinstance(own.get(kind), Mapping):
+                about["joint"] = typed({"type": kind, **own[kind]}, Joint, f"{body.name}: {kind}")
     elif "recorded_position" in body:
         motion = Driven(ObjectMotion(*(np.asarray(body[f"recorded_{name}"][rows]) for name in ObjectMotion._fields)))
     elif body.kind == "driven":

@@ -100,8 +100,7 @@ class Free:
         solid = mass_properties(mesh)
         mass = density * solid.volume if mass is None else mass
         inertia = mass / solid.volume * solid.inertia
-        first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
-        return cls(mass, triple(solid.center), (first, second, third), **others)
+        return cls(mass, triple(solid.center), symmetric(inertia), **others)
 
 
 BodyMotion: TypeAlias = Fixed | Driven | Free
@@ -367,6 +366,12 @@ def triple(values: ArrayLike) -> Triple:
     """Return three numbers as a tuple."""
     x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
+
+
+def symmetric(inertia: FloatArray) -> tuple[Triple, Triple, Triple]:
+    """Return an inertia row by row, without what rounding left of asymmetry."""
+    first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
+    return first, second, third
 
 
 def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:

@@ -37,6 +37,7 @@ from hhsim.scene.body import (
     Joint,
     Keyframe,
     composed,
+    symmetric,
     triple,
 )
 from hhsim.scene.overlap import Solid, overlap
@@ -167,6 +168,7 @@ class DeclaredBodies:
         if moves and any(body.is_free for body in self.solids):
             raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
         time, values = ticks.time, self.values(ticks.time)
+        # Poses of the frame of the file, world.
         steps, frame = (len(time), 1), ticks.object_motion
         if frame is None:
             frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
@@ -190,14 +192,14 @@ class DeclaredBodies:
         return tuple(found[body.name] for body in self.settings)
 
     def _placed(
-        self, body: BodySettings, pose: ObjectMotion, base: ObjectMotion, motion: BodyMotion, values: Mapping[str, Any]
+        self, body: BodySettings, pose: ObjectMotion, bearer: ObjectMotion, moves: BodyMotion, values: Mapping[str, Any]
     ) -> Body:
-        """Return a body at its first pose; `base` is that of what bears it; a free one ignores `motion`."""
+        """Return a body in the world at its first pose, with that of what bears it; a free one ignores `moves`."""
         joint = None
         if body.joint is not None:
-            turn, start = rotation_matrix(base.orientation), values.get(body.name, [body.joint.value])
+            turn, start = rotation_matrix(bearer.orientation), values.get(body.name, [body.joint.value])
             axis = triple((turn * np.array(body.joint.axis)).sum(axis=1))
-            origin = triple((turn * np.array(body.joint.origin)).sum(axis=1) + base.position)
+            origin = triple((turn * np.array(body.joint.origin)).sum(axis=1) + bearer.position)
             joint = structs.replace(body.joint, axis=axis, origin=origin, start=float(start[0]), motion=None)
         placed = Body(
             name=body.name,
@@ -205,7 +207,7 @@ class DeclaredBodies:
             tree=self.trees[body.name],
             position=pose.position,
             orientation=pose.orientation,
-            motion=motion,
+            motion=moves,
             joint=joint,
             friction=USUAL_FRICTION if body.friction is None else body.friction,
             torsion=body.torsion,
@@ -217,9 +219,8 @@ class DeclaredBodies:
             return replace(placed, motion=solid)
         turn = rotation_matrix(pose.orientation)
         inertia = matmul(matmul(turn, np.array(body.inertia)), turn.T)
-        first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
         center = triple((turn * np.array(body.center)).sum(axis=1) + pose.position)
-        return replace(placed, motion=Free(body.mass, center, (first, second, third)))
+        return replace(placed, motion=Free(body.mass, center, symmetric(inertia)))
 
 
 def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
@@ -360,8 +361,7 @@ def _of_link(
     if own is not None and not {"mass", "density"} & set(given):
         about["mass"] = own.mass
         if own.center is not None and own.inertia is not None:
-            half = 0.5 * (own.inertia + own.inertia.T)
-            about |= {"center": triple(own.center), "inertia": tuple(triple(row) for row in half)}
+            about |= {"center": triple(own.center), "inertia": symmetric(own.inertia)}
     about |= given
     if joint is None or joint.type == "free":
         about["fixed"] = not free or (joint is None and linkage.on_world)
