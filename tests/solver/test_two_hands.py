@@ -7,10 +7,8 @@ import pytest
 from free_scenes import TIP, body_of, box, tongs
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.world.record import ObjectRecord
-from hhsim.scene.body import Body
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.scene_solver import WorldSolver
@@ -38,11 +36,6 @@ class Run(NamedTuple):
     object: ObjectRecord
 
 
-def two_handed(body: Body, hands: tuple[HandModel, HandModel], **options: Any) -> WorldSolver:
-    surface, chosen = contact_surface("mesh", body.mesh, None), SolverOptions(surface="mesh", **options)
-    return WorldSolver([HandSolver(hand, surface, chosen) for hand in hands], body)
-
-
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:
     """Two fingers along x that come to press a block from both sides, at heights of opposite sign [m]."""
     found, straight = [], (np.zeros((ticks, 5, 3)), np.zeros((ticks, 5)))
@@ -60,7 +53,9 @@ class Pressed:
     def __init__(self, height: float = 0.0, friction: float = FRICTION) -> None:
         body = body_of(box([EDGE] * 3), mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
-        self.solver = two_handed(body, (tongs(), tongs()), fingers=("index",), stiffness=stiffness)
+        options = SolverOptions(surface="mesh", fingers=("index",), stiffness=stiffness)
+        surface = contact_surface("mesh", body.mesh, None)
+        self.solver = WorldSolver([HandSolver(tongs(), surface, options) for _ in range(2)], body)
         engine: Any = self.solver.engine
         self.bodies = engine.world.bodies
         self.way = pressing(60, height)
