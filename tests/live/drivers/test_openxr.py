@@ -115,7 +115,7 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
             headset.send_joints(locations(sample, k))
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stop", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
 def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     with example(BRIDGE, port) as bridge:
