@@ -375,7 +375,7 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place in (2, 4, 7)), ids=name_of
+    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place == 4), ids=name_of
 )
 def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path

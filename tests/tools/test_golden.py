@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 ALIKE = (
     *("bunny-touch", "cup-handle-stiff", "teapot-slide-mesh", "two-hands-progressive", "grab-recorded"),
-    *("free-hand-over", "peg-insert", "laptop-open-both"),
+    *("free-hand-over", "peg-insert", "laptop-open-both", "door-swing", "rock-grasp-clarabel"),
 )
 """Scenes of which others run the same code; `make soak` has them, and `python -m tools.golden`."""
 
@@ -39,7 +39,7 @@ def test_a_golden_run_is_made_again(name: str, made: Path) -> None:
     assert row is None or (ROUNDED in SCENES[name] and not row["faults"]), row
 
 
-@pytest.mark.quick("bunny-grasp-mesh", "cube-pinch-paper")
+@pytest.mark.quick("cube-pinch-paper")
 def test_the_referee_finds_nothing_false(made: Path) -> None:
     found = verify(load_result(made))
     assert found.passed, [(claim.name, claim.worst, claim.tick) for claim in found.claims if claim.failed]

@@ -8,7 +8,6 @@ from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
-from hhsim.kernels.cover.greedy_cover import group_by_owner
 from hhsim.mesh.mesh import Mesh
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.error import prove_cover
@@ -71,13 +70,3 @@ def test_a_motion_leaves_no_trace(name: str) -> None:
             assert canonical_frame(there).into(there)[:, 0] == pytest.approx(plain[:, 0], abs=GRID)
         else:
             assert np.array_equal(canonical_frame(there).into(there), plain)
-
-
-@pytest.mark.parametrize("spheres", [1, 40])
-def test_groups_of_owners_are_those_of_a_stable_sort(spheres: int) -> None:
-    owner = np.random.default_rng(spheres).integers(-1, spheres, 500)
-    first, order = np.empty(spheres + 1, np.int64), np.empty(500, np.int64)
-    group_by_owner(owner, first, order)
-    expected = np.argsort(owner, kind="stable")
-    assert np.array_equal(order, expected)
-    assert np.array_equal(first, np.searchsorted(owner, np.arange(spheres + 1), sorter=expected))

@@ -24,7 +24,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
 from hhsim.view import sink
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
-from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment, vertex_normals
+from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment
 from hhsim.view.sink import check_target, parse_target, viewer_program
 from hhsim.view.viewer import shown_scene, view_result
 from tools.shapes.generators import sphere
@@ -379,15 +379,3 @@ def test_rerun_gets_the_skin_of_each_shown_tick(skinned: Result, tmp_path: Path)
     # A ball's normals lead away from its middle, as nearly as its triangles are.
     away = BALL.vertices / np.linalg.norm(BALL.vertices, axis=1, keepdims=True)
     assert (np.einsum("tvi,vi->tv", normals, away) > np.cos(np.radians(1.0))).all()
-
-
-def test_normals_are_the_means_of_the_triangles_around() -> None:
-    rng = np.random.default_rng(0)
-    vertices, faces = rng.normal(size=(9, 3)), rng.integers(0, 8, size=(12, 3))
-    found = vertex_normals(vertices, faces)
-    for vertex in range(9):
-        total = np.zeros(3)
-        for face in faces:
-            a, b, c = vertices[face]
-            total += np.count_nonzero(face == vertex) * np.cross(b - a, c - a)
-        np.testing.assert_allclose(found[vertex] * np.linalg.norm(total), total, atol=1e-12)
