@@ -31,6 +31,7 @@ SHAPES = {
     "box": trimesh.creation.box((0.1, 0.1, 0.1)),
     "plate": trimesh.creation.box((0.1, 0.08, 0.002)),
     "cylinder": trimesh.creation.cylinder(0.03, 0.1, sections=32),
+    "needle": trimesh.creation.cone(0.002, 0.1, sections=12),
     "torus": trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12),
 }
 
@@ -55,7 +56,10 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
 
 @pytest.mark.parametrize(
     ("name", "level"),
-    sampled([(name, level) for name in SHAPES for level in (1, 2)], lambda place, case: place % 6 == 3),
+    sampled(
+        [(name, level) for name in SHAPES for level in (1, 2)],
+        lambda _, case: case in [("box", 2), ("needle", 1), ("torus", 1)],
+    ),
 )
 def test_levels_cover_and_enclose(name: str, level: int) -> None:
     mesh = mesh_of(SHAPES[name])
@@ -67,6 +71,23 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert tree.mesh_sha256 == mesh.sha256
     assert dict(tree.options) == TreeOptions(level=level).recorded()
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
+
+
+@pytest.mark.parametrize(
+    ("name", "leaves"),
+    sampled(
+        [(name, leaves) for name in ("box", "plate", "torus") for leaves in (1, 3, 20, 64)],
+        lambda _, case: case in [("box", 1), ("torus", 3)],
+    ),
+)
+def test_as_few_leaves_as_are_asked_for_cover_and_enclose(name: str, leaves: int) -> None:
+    mesh = mesh_of(SHAPES[name])
+    tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves))
+    assert_sound(tree, mesh)
+    assert 1 <= tree.leaf_count <= leaves
+    if (name, leaves) == ("box", 1):
+        # About a cube of 0.1 m, whose corners are √3 times as far from its middle as its faces.
+        assert tree.errors[-1].bound == pytest.approx(0.05 * (np.sqrt(3.0) - 1.0), rel=0.01)
 
 
 @settings(max_examples=3)
