@@ -18,6 +18,7 @@ from hhsim.trees.error import prove_cover, sample_mesh
 from hhsim.trees.hierarchy import at_level, build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import GRID, canonical_frame
 
 pytestmark = pytest.mark.slow
 
@@ -176,3 +177,27 @@ def test_meshes_without_an_inside_are_refused() -> None:
 def test_options_check_themselves(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=r"expected|did you mean|known: "):
         TreeOptions(**wrong)
+
+
+POINTS = {
+    "box": np.array(trimesh.creation.box((0.1, 0.1, 0.1)).vertices),
+    "torus": np.array(trimesh.creation.torus(0.04, 0.012).vertices),
+    "cloud": np.random.default_rng(3).normal(size=(50, 3)),
+    "two points": np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_a_motion_leaves_no_trace(name: str) -> None:
+    points = POINTS[name]
+    plain = canonical_frame(points).into(points)
+    rng = np.random.default_rng(5)
+    for seed in range(5):
+        rotation = Rotation.random(random_state=seed)
+        scale = 10.0 ** rng.uniform(-4.0, 4.0)
+        there = scale * rotation.apply(points) + scale * rng.normal(size=3)
+        if name == "two points":
+            # The second axis of a line is nobody's; the first is its own.
+            assert canonical_frame(there).into(there)[:, 0] == pytest.approx(plain[:, 0], abs=GRID)
+        else:
+            assert np.array_equal(canonical_frame(there).into(there), plain)
