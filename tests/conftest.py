@@ -260,6 +260,17 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 
 @pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Foreign files are read in this process: tests/system/test_child_reader.py shows what a child is for."""
+
+    def call(work: Callable[[], None], *limits: float) -> int:
+        work()
+        return 0
+
+    monkeypatch.setattr("hhsim.system.child_reader.call_in_child", call)
+
+
+@pytest.fixture
 def ended() -> Iterator[None]:
     """What waits for a pipe is ended, and its test fails."""
     before = signal.signal(signal.SIGALRM, lambda *_: pytest.fail("it waits"))

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from hhsim.linkage.file import read_robot
 from hhsim.robots.touching_pairs import adjacent_links, drawn_poses, link_poses, touching_pairs
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 def test_a_fingertip_is_where_the_closed_form_has_it_and_a_mimic_follows(tmp_path: Path) -> None:
     path, first = tmp_path / "finger.urdf", Rotation.from_euler("xyz", (1.2, 0.3, -0.4))
