@@ -12,7 +12,6 @@ from .arguments.recording_options import FileSettings, HandData
 
 if TYPE_CHECKING:
     from hhsim.recordings.cleaning import CleaningOptions
-    from hhsim.recordings.recording import Recording
 
 Stamp = Annotated[float, Number(-1e12, 1e12)]
 """Stamp [s], which may count from 1970."""
@@ -34,8 +33,8 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
     )
     keep_angles: bool = option("Keep joint angles beyond the hand's limits.")
 
-    def options(self, recording: "Recording", file: FileSettings) -> "CleaningOptions":
-        """Return the options for the library; the units of the numbers are those of `file`."""
+    def options(self) -> "CleaningOptions":
+        """Return the options for the library."""
         from hhsim.hand.model import HandModel
         from hhsim.recordings.cleaning import CleaningOptions
 
@@ -45,11 +44,7 @@ class CleaningSettings(OptionGroup, heading="Selection and cleaning"):
         elif self.hand_file is not None:
             limits["limits"] = HandModel.from_toml(self.hand_file)
         return CleaningOptions(
-            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "other_hand")},
-            time_unit=file.time_unit,
-            length_unit=None if recording.scaled else file.length_unit,
-            angle_unit=file.angle_unit,
-            **limits,
+            **{name: getattr(self, name) for name in ("max_gap", "start", "end", "other_hand")}, **limits
         )
 
 
@@ -95,24 +90,26 @@ def command(
     from hhsim.errors import named
     from hhsim.hand.fingers import FINGERS
     from hhsim.hand.model import HandModel
-    from hhsim.motion.file import check_trajectory_path, save_trajectory
+    from hhsim.motion.csv_file import CSV_SUFFIX
+    from hhsim.motion.file import HDF5_SUFFIXES, load_trajectory, save_trajectory
     from hhsim.motion.trajectory import UNCHECKED
     from hhsim.recordings.cleaning import FINDING_COLUMNS, FIT_COLUMNS, clean_recording, import_document
     from hhsim.recordings.dexmo_regression import read_calibration
-    from hhsim.recordings.fitted_hand import check_hand_path, fitted_hand
+    from hhsim.recordings.fitted_hand import fitted_hand
     from hhsim.recordings.registry import read_recording
     from hhsim.system.atomic_write import write_atomically
+    from hhsim.system.output_path import check_output_path, holds
 
     output_path = output.path(file.stem or "recording")
-    check_trajectory_path(output_path)
+    check_output_path(output_path, "trajectory", load_trajectory, (*HDF5_SUFFIXES, CSV_SUFFIX))
     if fit_hand is not None:
-        check_hand_path(fit_hand)
+        check_output_path(fit_hand, "hand file", holds(b"hand_length"), (".toml",))
     others = {**data.given(), "hand_length": metres(cleaning.hand_length)}
     if calibration is not None:
         others["dexmo"] = read_calibration(calibration)
     read_options = reading.options(others)
     recording = read_recording(file, read_options).changed(**labels.given())
-    cleaning_options = cleaning.options(recording, reading)
+    cleaning_options = cleaning.options()
     hand_text = ""
     with named(file):
         if fit_hand is not None:

@@ -105,21 +105,18 @@ def command(
         raise click.UsageError("--hand is of one hand, and --hands both repairs two")
     if thing.object is None:
         raise click.UsageError(NO_OBJECT)
-    given = vars(reading.options(data.given())) | {"hand": None, "mano_model": None}
     request = RepairRequest(
         recording=recording,
         object=thing.object,
         out=out,
         object_poses=thing.object_poses,
         hand_file=limits.hand_file,
-        mano_model=data.mano_model,
-        hand=reading.hand or "",
         unit=thing.unit,
         size=metres(thing.size),
         max_correction=1e-3 * limits.max_correction,
         palm=limits.palm,
         pictures=limits.pictures != "none",
-        options={name: value for name, value in given.items() if value is not None},
+        read=reading.options(data.given()),
     )
     typed = ("hhsim", *sys.argv[1:])
     with progress(quiet=printing.quiet) as report:

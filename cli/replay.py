@@ -170,7 +170,7 @@ def command(
     from hhsim.result.writer import add_document
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.free_object import require_free
+    from hhsim.solver.options import FREE, require_options
     from hhsim.solver.scene_solver import SceneSolver
 
     if moving.hand == "both" and output.repeat > 1:
@@ -183,7 +183,7 @@ def command(
     free.check_motion(motion)
     remarks = import_remarks(motion, trajectory)
     if free.free or any(body.is_free for body in bodies.settings):
-        require_free(solver_options)
+        require_options(solver_options, FREE)
     output_path = output.path(f"{bodies.name}-{motion.name}-{solver.word}")
     check_result_path(output_path)
     print_notes(bodies.mesh.warnings, prefix="warning")

@@ -57,8 +57,9 @@ def both(mesh: Mesh, free: Any = None) -> None:
 
     from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import SIDES, HandModel
-    from hhsim.solver.hand_solver import HandSolver, WorldSolver
+    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.scene_solver import WorldSolver
     from hhsim.trees.contact_surface import contact_surface
 
     touched, far = contact_surface("mesh", mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))
@@ -68,15 +69,14 @@ def both(mesh: Mesh, free: Any = None) -> None:
 
 def free() -> None:
     """What a free object's ticks run on triangles; on spheres only the soak has them."""
-    from free_scenes import box
+    from free_scenes import body_of, box
 
     from hhsim.hand.model import HandModel
-    from hhsim.solver.free_object import FreeObject
     from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
 
     mesh, options = box((0.05, 0.05, 0.05)), SolverOptions(surface="mesh")
-    block = FreeObject.of_mesh(mesh)
+    block = body_of(mesh)
     warm_up(HandModel.default(), options, block)
     both(mesh, block)
     both(mesh)

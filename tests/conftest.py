@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import functools
 import gc
 import importlib
 import importlib.metadata
@@ -20,6 +21,7 @@ from renewed import FAILED
 from sealed_change import know_as_sound
 
 from hhsim.registry import declared
+from hhsim.trees import cache as shipped
 
 settings.register_profile(
     "hhsim", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=False
@@ -37,6 +39,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # To collect thousands of tests makes much and frees little, which the collector would look through a hundred times.
 gc.disable()
+
+# Hands and objects are made by the hundred, most of them when test files are imported, and their trees do not change.
+read_tree, read_shipped_tree = shipped.load_tree, functools.cache(shipped.load_tree)
+shipped.load_tree = lambda path, **given: (read_shipped_tree if given else read_tree)(path, **given)
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 
@@ -251,6 +257,17 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
     yield install
     declared.cache_clear()
+
+
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Foreign files are read in this process: tests/system/test_child_reader.py shows what a child is for."""
+
+    def call(work: Callable[[], None], *limits: float) -> int:
+        work()
+        return 0
+
+    monkeypatch.setattr("hhsim.system.child_reader.call_in_child", call)
 
 
 @pytest.fixture

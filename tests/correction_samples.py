@@ -8,7 +8,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, rotation_matrix
 from hhsim.recordings.finger_ik import finger_axes
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import Correction, moved_joints
+from hhsim.recordings.registry import Correction
+from hhsim.repair.written_hand import moved_joints
 
 
 def bone_turns(posture: HandConfiguration, side: str) -> FloatArray:
@@ -50,6 +51,6 @@ def a_correction(
     rotation = np.where(mask[:, None, None, None], after @ np.swapaxes(before, 2, 3), np.eye(3))
     joints = np.full((count, 21, 3), np.nan)
     if recording.joints is not None:
-        corrected = moved_joints(recording.joints, fitted.position, posture.position - fitted.position, rotation)
+        corrected = moved_joints(recording.joints, fitted.position, posture.position, rotation)
         joints = np.where(mask[:, None, None], corrected, recording.joints)
     return Correction(fitted, posture, rotation, joints, mask)

@@ -14,11 +14,12 @@ from hhsim.arrays import AnyArray
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
+from hhsim.scene.body import Body, BodyMotion, Free, HalfSpace, Joint
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import EngineBody, FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
 
 Pose = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 GRAVITY = 9.81
@@ -30,17 +31,38 @@ def box(size: Sequence[float], center: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
     return Mesh(solid.vertices + np.asarray(center), solid.faces, name="box")
 
 
-def body_of(mesh: Mesh, free: FreeObject, name: str = "", **moves: Any) -> EngineBody:
-    """A body of which the mesh itself is touched."""
-    return EngineBody(contact_surface("mesh", mesh, None), free, name=name, **moves)
+UNTOUCHED = SphereTree(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), np.full(1, -1))
+"""Tree of a body of which the mesh itself is touched."""
+
+
+def body_of(
+    mesh: Mesh,
+    name: str = "body",
+    *,
+    friction: float = 0.6,
+    torsion: float = 0.0,
+    joint: Joint | None = None,
+    moves: BodyMotion | None = None,
+    **free: Any,
+) -> Body:
+    """A body, free unless it `moves` otherwise, whose mesh is in the world; `free` are arguments of `Free.of_mesh`."""
+    motion = Free.of_mesh(mesh, **free) if moves is None else moves
+    return Body(name, mesh, UNTOUCHED, motion=motion, joint=joint, friction=friction, torsion=torsion)
 
 
 def solver_of(
-    mesh: Mesh, free: FreeObject, hand: HandModel | None = None, others: Sequence[EngineBody] = (), **options: Any
+    body: Body,
+    hand: HandModel | None = None,
+    others: Sequence[Body] = (),
+    *,
+    table: float | None = None,
+    table_friction: float | None = None,
+    **options: Any,
 ) -> HandSolver:
-    """A solver that touches the mesh itself."""
-    chosen = SolverOptions(surface="mesh", **options)
-    return HandSolver(hand or HandModel.default(), contact_surface("mesh", mesh, None), chosen, free, others)
+    """A solver that touches the mesh itself, of a free body over a table at a height [m], if there is one."""
+    chosen, surface = SolverOptions(surface="mesh", **options), contact_surface("mesh", body.mesh, None)
+    plane = () if table is None else (HalfSpace("table", table, table_friction),)
+    return HandSolver(hand or HandModel.default(), surface, chosen, body, (*others, *plane))
 
 
 def all_ticks(solver: HandSolver) -> Any:
@@ -100,8 +122,8 @@ def gripped(mass: float, friction: float, squeeze: float, **others: float) -> tu
     mesh = box((0.02, WIDTH, 0.02), (tip, 0.0, 0.0))
     # Each finger closes by 20 µm more than to touch; what swings dies out.
     stiffness = Stiffness(translation=1e5, rotation=1e3, flexion=50.0 * squeeze)
-    free = FreeObject.of_mesh(mesh, mass=mass, friction=friction, gravity=(0.0, 0.0, 0.0), damping=20.0, **others)
-    solver = solver_of(mesh, free, tongs(), fingers=("thumb", "index"), stiffness=stiffness)
+    body = body_of(mesh, mass=mass, friction=friction, gravity=(0.0, 0.0, 0.0), damping=20.0, **others)
+    solver = solver_of(body, tongs(), fingers=("thumb", "index"), stiffness=stiffness)
     closed = touch + REACH_PER_STIFFNESS
     solver.run(*tongs_at(np.r_[np.linspace(touch - 0.05, closed, 200), np.full(100, closed)]))
     return solver, closed

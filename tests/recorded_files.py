@@ -387,8 +387,9 @@ CASES: dict[str, Case] = {
                 abd=np.degrees(MOTION.abduction),
             )
         },
-        {"hand": "right", "palm_axes": ("-y", "x", "z")},
-        {"time_unit": "ms", "length_unit": "mm", "angle_unit": "deg", "other_hand": True},
+        {"hand": "right", "palm_axes": ("-y", "x", "z")}
+        | {"time_unit": "ms", "length_unit": "mm", "angle_unit": "deg"},
+        {"other_hand": True},
     ),
     "openxr": Case({"a.csv": openxr_csv(SAMPLE)}),
     "openxr, Unity, left": Case({"a.csv": openxr_csv(LEFT, "left", unity=True, radii=False)}),

@@ -6,8 +6,10 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
+from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, read_content
+from hhsim.recordings.unit_detection import in_our_units
 
 
 def read_as(form: str, data: str | bytes, *, name: str = "", **options: Any) -> Recording:
@@ -39,3 +41,9 @@ def smooth_recording(count: int = 300, rate: float = 100.0, seed: int = 1, jitte
         name="smooth",
         hand="right",
     )
+
+
+def cleaned(recording: Recording, options: CleaningOptions | None = None, **units: Any) -> CleanedRecording:
+    """Clean a recording in the units of its numbers, as one that is read is cleaned."""
+    own = recording.chosen(np.arange(recording.sample_count))
+    return clean_recording(in_our_units(own, ReadOptions(**units)), options)

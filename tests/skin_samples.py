@@ -16,9 +16,9 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, ManoModel, model_of
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.registry import Correction, moved_joints
+from hhsim.recordings.registry import Correction
 from hhsim.repair.skin import Skin, mano_skin
-from hhsim.repair.written_hand import bone_frames
+from hhsim.repair.written_hand import bone_frames, moved_joints
 
 AROUND, RINGS, PALM_RINGS = 12, 10, 13
 FLESH = (0.0095, 0.0085, 0.0075, 0.006)
@@ -142,8 +142,7 @@ def correction_to(sample: SkinSample, posture: HandConfiguration, changed: BoolA
     )
     bones = (bone_frames(sample.hand, each) for each in (posture, sample.fitted))
     rotation = next(bones) @ next(bones).swapaxes(2, 3)
-    shift = posture.position - sample.fitted.position
-    joints = moved_joints(sample.joints, sample.fitted.position, shift, rotation)
+    joints = moved_joints(sample.joints, sample.fitted.position, posture.position, rotation)
     return Correction(sample.fitted, posture, rotation, joints, changed)
 
 

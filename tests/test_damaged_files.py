@@ -44,8 +44,8 @@ pytestmark = pytest.mark.slow
 
 SECONDS, PROCESSOR_SECONDS = 120.0, 20.0
 """Limits of a command, by the wall clock and of the processor's time, which may compile its kernels."""
-BLOCKS = [range(2), *(range(first, min(first + 100, 300)) for first in range(2, 300, 100))]
-"""Corruptions of a test: `make test` runs the first ones, `make soak` all."""
+BLOCKS = [range(1), *(range(first, min(first + 100, 300)) for first in range(1, 300, 100))]
+"""Corruptions of a test: `make test` runs the first one, `make soak` all."""
 
 
 class Kind(NamedTuple):
@@ -334,7 +334,7 @@ def name_of(value: Kind | range) -> str:
 
 CASES = [(kind, block) for kind in (*KINDS, *OTHER_KINDS) for block in BLOCKS]
 OFTEN = ("hand.npy", "hand.json", "result.h5", "motion.h5", "tree.h5", "script.toml", "plan.toml")
-"""Of the other kinds, those of which `make test` runs two corruptions."""
+"""Of the other kinds, those of which `make test` runs a corruption."""
 
 
 @pytest.mark.parametrize(
@@ -375,7 +375,7 @@ def test_a_damaged_file_is_refused_in_time_and_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place in (2, 4, 7)), ids=name_of
+    ("kind",), sampled([(kind,) for kind in (*KINDS, *OTHER_KINDS)], lambda place, _: place == 4), ids=name_of
 )
 def test_the_sound_file_goes_through(
     kind: Kind, samples: dict[str, bytes], server: CommandServer, tmp_path: Path

@@ -5,7 +5,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -20,7 +20,6 @@ from hhsim.scene.motion_catalogue import trajectory_names
 HHSIM: click.Group = importlib.import_module(POINT.module).hhsim
 REPOSITORY = Path(__file__).resolve().parent.parent
 PAGES = pages(REPOSITORY)
-EACH = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.path.relative_to(REPOSITORY)))
 
 PLACEHOLDER = re.compile(r"[A-ZΑ-Ω_|0-9.]+|.*(…|\.\.\.).*|[A-Z].*[A-Z]")
 """What stands for a value of the reader's own: OBJECT, N, results/…-bunny.h5."""
@@ -28,7 +27,17 @@ OTHERS_OPTIONS = {"--bind"}
 """Long options in code spans that are of other programs."""
 
 
-@EACH
+def on_every_page(check: Callable[[Page], None]) -> Callable[[], None]:
+    """Make a test of what holds on a page."""
+
+    def test() -> None:
+        for page in PAGES:
+            check(page)
+
+    return test
+
+
+@on_every_page
 def test_every_link_and_anchor_exists(page: Page) -> None:
     for target in page.links():
         if re.match(r"[a-z]+:", target):
@@ -46,7 +55,7 @@ NAMED_LINK = re.compile(r"\[`(\w+)`\]\(([^()\s]+\.py)\)")
 """A link on what a Python file defines."""
 
 
-@EACH
+@on_every_page
 def test_what_a_link_names_is_defined_in_the_file_it_leads_to(page: Page) -> None:
     for name, target in NAMED_LINK.findall(page.text):
         defined = {
@@ -129,7 +138,7 @@ def _check_command(call: list[str], complete: bool) -> None:
                 assert isinstance(argument, (str, tuple)) and argument, f"{command.name} lacks an argument"
 
 
-@EACH
+@on_every_page
 def test_every_command_line_can_be_typed(page: Page) -> None:
     calls = [(call, True) for call in page.typed_calls("hhsim")] + [(call, False) for call in page.named_calls("hhsim")]
     for call, complete in calls:
@@ -174,7 +183,7 @@ def test_every_option_that_is_named_exists() -> None:
                 assert option in known, f"{page.path.name} names {option}, which no command has"
 
 
-@EACH
+@on_every_page
 def test_every_module_that_is_run_exists(page: Page) -> None:
     for call in [*page.typed_calls("python"), *page.named_calls("python")]:
         if call[:1] == ["-m"] and not PLACEHOLDER.fullmatch(call[1]):
@@ -187,7 +196,7 @@ def test_every_module_that_is_run_exists(page: Page) -> None:
 NAMED_FILE = re.compile(r"(?:hhsim|tests|cli|objects|trajectories|examples|docs)/[\w./-]+|hhsim-gate\.toml|\w+\.md")
 
 
-@EACH
+@on_every_page
 def test_every_file_that_is_named_exists(page: Page) -> None:
     for span in page.spans():
         for name in NAMED_FILE.findall(span):
@@ -195,7 +204,7 @@ def test_every_file_that_is_named_exists(page: Page) -> None:
                 assert (REPOSITORY / name).exists(), f"{page.path.name} names {name}"
 
 
-@EACH
+@on_every_page
 def test_every_dotted_name_exists(page: Page) -> None:
     for span in page.spans():
         if re.fullmatch(r"hhsim(\.\w+)+", span):
@@ -205,7 +214,7 @@ def test_every_dotted_name_exists(page: Page) -> None:
             assert importlib.util.find_spec(span), f"{page.path.name} names {span}"
 
 
-@EACH
+@on_every_page
 def test_tables_are_rectangles(page: Page) -> None:
     # A row with a cell too many or too few is shown as text, or cut off.
     for table in re.split(r"\n(?!\|)", page.prose):

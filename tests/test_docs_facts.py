@@ -42,11 +42,10 @@ from hhsim.replay.verdict import OK
 from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
-from hhsim.solver.free_object import require_free
-from hhsim.solver.hand_solver import keeps_hands_apart
+from hhsim.solver.hand_solver import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
 from hhsim.solver.method import METHODS, USUAL
-from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
-from hhsim.solver.reference_optimum import REFERENCE_LINEARISATIONS, REFERENCE_STEP_TOLERANCE
+from hhsim.solver.options import FREE, TOUCH, SolverOptions, Stiffness, require_options
+from hhsim.solver.scene_solver import keeps_hands_apart
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
@@ -124,11 +123,11 @@ def test_what_is_said_not_to_be_there_is_refused_and_what_is_there_is_not_denied
     assert "a free object with another method than `coupled`" in not_for
     for name in METHODS:
         with contextlib.nullcontext() if name == "coupled" else pytest.raises(InputError, match="has no free objects"):
-            require_free(SolverOptions(method=name))
+            require_options(SolverOptions(method=name), FREE)
     assert "Fingers keep out of each other with `--self-contact on`, with method `coupled`." in " ".join(
         FAQ.text.split()
     )
-    require_free(SolverOptions(self_contact=True))
+    require_options(SolverOptions(self_contact=True), FREE)
     through = [name for name in METHODS if not keeps_hands_apart(SolverOptions(method=name))]
     names = " and ".join(f"`{name}`" for name in through)
     assert (
@@ -164,30 +163,31 @@ def test_every_measure_and_dataset_is_documented() -> None:
     assert functions - helpers <= named
 
 
-@pytest.mark.parametrize(
-    ("value", "wanted", "phrase"),
-    [
-        (metrics.FORCE_FLOOR, 0.01, "< 0.01"),
-        (metrics.RIPPLE_BAND, (50.0, 400.0), "between 50 and 400 Hz"),
-        (1000.0 * metrics.RIPPLE_BINS / metrics.RIPPLE_BAND[0], 80.0, "less than 80 ms"),
-        (metrics.TICK_BUDGET, 1_000_000, "The budget is 1 ms"),
-        (metrics.FROZEN_LIMIT, 1e-6, "more than a millionth"),
-        (TOUCH, 1e-5, "within 10 µm"),
-        ((TREMOR.tremor_position, TREMOR.tremor_frequency), (1e-4, 10.0), "tremor of 0.1 mm and 0.2° at 10 Hz"),
-        (ONSET, 0.1, "without its first 0.1 s"),
-        (REFERENCE_LINEARISATIONS, 400, "up to 400 linearisations"),
-        (REFERENCE_STEP_TOLERANCE, 1e-8, "moves more than 10 nm"),
-        (tick_state.UNITS_LINEARISATION, 1500, "1,500 a linearisation"),
-        (tick_state.UNITS_QP_ITERATION, 1500, "1,500 a QP iteration"),
-        (tick_state.UNITS_CONTACT, 60, "60 a contact that is found"),
-        (tick_state.UNITS_ROW, 100, "100 a row that is kept"),
-        (tick_state.UNITS_NODE_TEST, 10, "10 a node test"),
-        (tick_state.UNITS_PAIR_TEST, 2, "2 a pair test"),
-    ],
+MEASURES = (
+    (metrics.FORCE_FLOOR, 0.01, "< 0.01"),
+    (metrics.RIPPLE_BAND, (50.0, 400.0), "between 50 and 400 Hz"),
+    (1000.0 * metrics.RIPPLE_BINS / metrics.RIPPLE_BAND[0], 80.0, "less than 80 ms"),
+    (metrics.TICK_BUDGET, 1_000_000, "The budget is 1 ms"),
+    (metrics.FROZEN_LIMIT, 1e-6, "more than a millionth"),
+    (TOUCH, 1e-5, "within 10 µm"),
+    ((TREMOR.tremor_position, TREMOR.tremor_frequency), (1e-4, 10.0), "tremor of 0.1 mm and 0.2° at 10 Hz"),
+    (ONSET, 0.1, "without its first 0.1 s"),
+    (REFERENCE_LINEARISATIONS, 400, "up to 400 linearisations"),
+    (REFERENCE_STEP_TOLERANCE, 1e-8, "moves more than 10 nm"),
+    (tick_state.UNITS_LINEARISATION, 1500, "1,500 a linearisation"),
+    (tick_state.UNITS_QP_ITERATION, 1500, "1,500 a QP iteration"),
+    (tick_state.UNITS_CONTACT, 60, "60 a contact that is found"),
+    (tick_state.UNITS_ROW, 100, "100 a row that is kept"),
+    (tick_state.UNITS_NODE_TEST, 10, "10 a node test"),
+    (tick_state.UNITS_PAIR_TEST, 2, "2 a pair test"),
 )
-def test_constants_of_the_measures_are_those_of_the_code(value: object, wanted: object, phrase: str) -> None:
-    assert value == wanted
-    assert phrase in " ".join(METRICS.text.split())
+"""Constants of the code, what they are, and how the page says so."""
+
+
+def test_constants_of_the_measures_are_those_of_the_code() -> None:
+    text = " ".join(METRICS.text.split())
+    for value, wanted, phrase in MEASURES:
+        assert value == wanted and phrase in text, phrase
 
 
 SAFETY, OUTPUT = SafetyLimits(), OutputLimits()
@@ -195,53 +195,55 @@ UDP: Any = configure("udp").options
 SESSION_LIMITS = {fault.name: fault.limit for fault in SESSION_FAULTS}
 
 
-@pytest.mark.parametrize(
-    ("page", "phrase"),
-    [
-        ("live-safety.md", f"when input is older than {1e3 * SAFETY.stale:g} ms (`--stale`)"),
-        ("live-safety.md", f"{SAFETY.overruns} periods in a row missed"),
-        ("live-safety.md", f"the watchdog sends stiffness 0 every {1e-6 * RELEASE_NS:g} ms |"),
-        ("live-safety.md", f"{1e3 * SAFETY.heartbeat_stale:g} ms after its last heartbeat"),
-        ("live-safety.md", f"| {SAFETY.watchdog_stale:g} s after its last sign of life | ramp |"),
-        ("live-safety.md", f"the stiffness rises from 0 over {OUTPUT.ramp:g} s."),
-        ("live-safety.md", f"A set point moves by at most {OUTPUT.bend_speed:g} of its range a second."),
-        ("live-safety.md", f"falls by a full stiffness in {OUTPUT.ease:g} s"),
-        ("live-safety.md", f"where two ticks may lie {1e3 * SAFETY.heartbeat_stale:g} ms apart"),
-        ("live-safety.md", f"names it after {supervisor.TOLD:g} s"),
-        ("live-safety.md", f"The loop has {supervisor.LOOP_PATIENCE:g} s before it gets SIGTERM"),
-        ("live-safety.md", f"({supervisor.PREPARATION:g} s if it has not begun)"),
-        ("live-safety.md", f"the recorder {supervisor.RECORDER_PATIENCE:g} s after each tick"),
-        ("live-safety.md", f"until its samples have been plausible for {plausibility.TRUST:g} s"),
-        ("live-safety.md", f"a pause counts for {plausibility.PAUSE:g} s at most"),
-        ("live-safety.md", f"a joint faster than {plausibility.JOINT_SPEED:g} rad/s"),
-        ("live-safety.md", f"with {1e3 * plausibility.BURST:g} ms allowed for late samples"),
-        ("live-safety.md", f"after {1e3 * plausibility.CONFIRM:g} ms and {plausibility.CONFIRM_SAMPLES} samples"),
-        ("live-safety.md", f"changes for {plausibility.STUCK_TIME:g} s"),
-        ("live-safety.md", f"each move by {plausibility.STUCK_TRAVEL:g} rad"),
-        ("live-safety.md", f"its bend spans fewer than {LEAST_SPAN:g} counts"),
-        ("live.md", f"It moves with at most {1e3 * poses.SPEED:g} mm/s and {poses.TURNING:g} rad/s."),
-        ("live.md", f"| {100.0 * doctor.MOST_MISSED:g} % of the periods missed"),
-        ("live.md", f"| {doctor.MOST_IN_A_ROW} missed in a row"),
-        ("live.md", f"Each session makes this check for {doctor.QUICK_SECONDS:g} s"),
-        ("recordings.md", f"faster than {POSITION.speed:g} m/s, {ORIENTATION.speed:g} rad/s (palm)"),
-        ("recordings.md", f"or {JOINT.speed:g} rad/s (joint)"),
-        ("recordings.md", f"more than {POSITION.force:g} m/s², {ORIENTATION.force:,g} or {JOINT.force:,g} rad/s²"),
-        ("recordings.md", f"interpolated, up to {cleaning.LONGEST_RUN:g} s |"),
-        ("recordings.md", f"the same numbers {cleaning.FROZEN_RUN} times and more"),
-        ("gate.md", f"`malformed_share` ({SESSION_LIMITS['malformed_share']:g} % of the glove's packets)"),
-        ("gate.md", f"`freed_share` ({SESSION_LIMITS['freed_share']:g} % of the ticks"),
-        ("gate.md", f"`ended_early` ({SESSION_LIMITS['ended_early']:g}: it lasted"),
-        ("gate.md", f"`faults` ({SESSION_LIMITS['faults']:g} in its log"),
-        ("gate.md", f"a default limit on `free_off_max` of {1e3 * OUTSIDE_DEFAULTS['free_off_max']:g} mm"),
-        ("live-safety.md", f"the driver {loop.DRIVER_PATIENCE:g} s;"),
-        ("live-protocols.md", f"hhsim listens on port {UDP.port} (`--port`)"),
-        ("live-protocols.md", f"A force beyond `--most-force`, {UDP.most_force:g} N, is shortened."),
-        ("live-protocols.md", f"A bridge without a sample for {1e-9 * SILENCE_NS:g} s counts as gone"),
-        ("live-protocols.md", f"after {1e-6 * SESSION_SILENCE_NS:g} ms of silence"),
-    ],
+LIMITS = (
+    ("live-safety.md", f"when input is older than {1e3 * SAFETY.stale:g} ms (`--stale`)"),
+    ("live-safety.md", f"{SAFETY.overruns} periods in a row missed"),
+    ("live-safety.md", f"the watchdog sends stiffness 0 every {1e-6 * RELEASE_NS:g} ms |"),
+    ("live-safety.md", f"{1e3 * SAFETY.heartbeat_stale:g} ms after its last heartbeat"),
+    ("live-safety.md", f"| {SAFETY.watchdog_stale:g} s after its last sign of life | ramp |"),
+    ("live-safety.md", f"the stiffness rises from 0 over {OUTPUT.ramp:g} s."),
+    ("live-safety.md", f"A set point moves by at most {OUTPUT.bend_speed:g} of its range a second."),
+    ("live-safety.md", f"falls by a full stiffness in {OUTPUT.ease:g} s"),
+    ("live-safety.md", f"where two ticks may lie {1e3 * SAFETY.heartbeat_stale:g} ms apart"),
+    ("live-safety.md", f"names it after {supervisor.TOLD:g} s"),
+    ("live-safety.md", f"The loop has {supervisor.LOOP_PATIENCE:g} s before it gets SIGTERM"),
+    ("live-safety.md", f"({supervisor.PREPARATION:g} s if it has not begun)"),
+    ("live-safety.md", f"the recorder {supervisor.RECORDER_PATIENCE:g} s after each tick"),
+    ("live-safety.md", f"until its samples have been plausible for {plausibility.TRUST:g} s"),
+    ("live-safety.md", f"a pause counts for {plausibility.PAUSE:g} s at most"),
+    ("live-safety.md", f"a joint faster than {plausibility.JOINT_SPEED:g} rad/s"),
+    ("live-safety.md", f"with {1e3 * plausibility.BURST:g} ms allowed for late samples"),
+    ("live-safety.md", f"after {1e3 * plausibility.CONFIRM:g} ms and {plausibility.CONFIRM_SAMPLES} samples"),
+    ("live-safety.md", f"changes for {plausibility.STUCK_TIME:g} s"),
+    ("live-safety.md", f"each move by {plausibility.STUCK_TRAVEL:g} rad"),
+    ("live-safety.md", f"its bend spans fewer than {LEAST_SPAN:g} counts"),
+    ("live.md", f"It moves with at most {1e3 * poses.SPEED:g} mm/s and {poses.TURNING:g} rad/s."),
+    ("live.md", f"| {100.0 * doctor.MOST_MISSED:g} % of the periods missed"),
+    ("live.md", f"| {doctor.MOST_IN_A_ROW} missed in a row"),
+    ("live.md", f"Each session makes this check for {doctor.QUICK_SECONDS:g} s"),
+    ("recordings.md", f"faster than {POSITION.speed:g} m/s, {ORIENTATION.speed:g} rad/s (palm)"),
+    ("recordings.md", f"or {JOINT.speed:g} rad/s (joint)"),
+    ("recordings.md", f"more than {POSITION.force:g} m/s², {ORIENTATION.force:,g} or {JOINT.force:,g} rad/s²"),
+    ("recordings.md", f"interpolated, up to {cleaning.LONGEST_RUN:g} s |"),
+    ("recordings.md", f"the same numbers {cleaning.FROZEN_RUN} times and more"),
+    ("gate.md", f"`malformed_share` ({SESSION_LIMITS['malformed_share']:g} % of the glove's packets)"),
+    ("gate.md", f"`freed_share` ({SESSION_LIMITS['freed_share']:g} % of the ticks"),
+    ("gate.md", f"`ended_early` ({SESSION_LIMITS['ended_early']:g}: it lasted"),
+    ("gate.md", f"`faults` ({SESSION_LIMITS['faults']:g} in its log"),
+    ("gate.md", f"a default limit on `free_off_max` of {1e3 * OUTSIDE_DEFAULTS['free_off_max']:g} mm"),
+    ("live-safety.md", f"the driver {loop.DRIVER_PATIENCE:g} s;"),
+    ("live-protocols.md", f"hhsim listens on port {UDP.port} (`--port`)"),
+    ("live-protocols.md", f"A force beyond `--most-force`, {UDP.most_force:g} N, is shortened."),
+    ("live-protocols.md", f"A bridge without a sample for {1e-9 * SILENCE_NS:g} s counts as gone"),
+    ("live-protocols.md", f"after {1e-6 * SESSION_SILENCE_NS:g} ms of silence"),
 )
-def test_limits_that_a_page_states_are_those_of_the_code(page: str, phrase: str) -> None:
-    assert phrase in " ".join(Page.read(DOCS / page).text.split())
+"""Pages, and how they say what the code has."""
+
+
+def test_limits_that_a_page_states_are_those_of_the_code() -> None:
+    texts = {name: " ".join(Page.read(DOCS / name).text.split()) for name, _ in LIMITS}
+    for name, phrase in LIMITS:
+        assert phrase in texts[name], (name, phrase)
 
 
 def test_a_page_states_by_words_what_these_numbers_are() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tools.architecture import LAYERS, PAGE, imported_by, order, table
 from tools.import_graph import (
     PACKAGES,
     REPOSITORY,
@@ -74,6 +75,14 @@ def test_a_package_imports_only_from_those_before_it() -> None:
     ]
     assert upward == []
     assert found_imports([FRONT], lambda imported: imported.at_import and "hhsim" in imported.name) == []
+
+
+def test_the_table_of_the_page_is_current_and_no_package_imports_from_a_layer_above_it() -> None:
+    assert table() in PAGE.read_text(encoding="utf-8"), "run python -m tools.architecture"
+    assert sorted(name for _, names in LAYERS for name in names) == sorted(order())
+    layer = {name: number for number, (_, names) in enumerate(LAYERS) for name in names}
+    for name, imported in imported_by().items():
+        assert all(layer[name] <= layer[other] for other in imported), name
 
 
 def test_no_two_files_import_each_other() -> None:
@@ -146,7 +155,7 @@ def test_every_kernel_is_made_by_the_jit_factory() -> None:
             elif isinstance(node, ast.ImportFrom) and node.module == "numba":
                 if not compilers.isdisjoint(alias.name for alias in node.names):
                     found.append(f"{where}: imports a compiler")
-            elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "numba" and node.attr in compilers:
+            elif isinstance(node, ast.Attribute) and node.attr in compilers and ast.unparse(node.value) == "numba":
                 found.append(f"{where}: calls numba.{node.attr}")
     assert found == []
 

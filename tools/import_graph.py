@@ -26,7 +26,7 @@ PACKAGES = (
         "hhsim.metrics.field",
         "hhsim.scene",
     ),
-    *("hhsim.solver", "hhsim.solver.methods", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
+    *("hhsim.solver", "hhsim.replay", "hhsim.submissions", "hhsim.verify"),
     *("hhsim.render", "hhsim.view"),
     *(f"hhsim.live{part}" for part in ("", ".drivers", ".session")),
     "hhsim.report",

@@ -47,7 +47,7 @@ class FileSettings(OptionGroup, heading="Recording"):
             columns=None if self.columns is None else read_column_map(self.columns),
             hand=self.hand or "",
             palm_axes=None if self.palm_axes is None else tuple(part.strip() for part in self.palm_axes.split(",")),
-            **{name: getattr(self, name) for name in ("form", "length_unit", "rate")},
+            **{name: getattr(self, name) for name in ("form", "time_unit", "length_unit", "angle_unit", "rate")},
             **others,
         )
 

@@ -228,9 +228,8 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.free_object import require_free
     from hhsim.solver.hand_solver import warm_up
-    from hhsim.solver.options import SolverOptions
+    from hhsim.solver.options import FREE, SolverOptions, require_options
     from hhsim.system.output_path import dated_output_path
 
     if session.no_record and session.record is not None:
@@ -254,7 +253,7 @@ def command(
     loaded = load_words(words, surface=solver.surface, motions=[one for one in motions if one is not None])
     bodies, mesh = loaded.bodies, loaded.bodies.mesh
     if free.free or any(body.is_free for body in bodies.settings):
-        require_free(solver_options)
+        require_options(solver_options, FREE)
     kinds = "-".join(device.kind for _, (device, _, _) in worn)
     record = None
     if not session.no_record:

@@ -146,14 +146,15 @@ def force_ripple(force: FloatArray, rate: float, low: float = RIPPLE_BAND[0], hi
     return float(np.sqrt(power[(frequency >= low) & (frequency <= high)].sum()))
 
 
-def force_step(force: FloatArray, moving: BoolArray, hold: BoolArray, grip: FloatArray | None = None) -> float:
+def force_step(force: FloatArray, moving: BoolArray, hold: BoolArray, pressed: FloatArray) -> float:
     """Largest one-tick change of the total force (T, 3) [N] while moving, ‖F_t - F_{t-1}‖ over the mean hold force [%].
 
-    Each tick of the mask `moving` (T,) is compared with the tick before. The hold force is the size of the total force,
-    or `grip` (T,) [N]. NaN where its mean in the mask `hold` is below `FORCE_FLOOR`, or a phase is empty.
+    Each tick of the mask `moving` (T,) is compared with the tick before. The hold force is `pressed` (T,) [N], the
+    sizes of the forces on phalanges and palm, summed. NaN where its mean in the mask `hold` is below `FORCE_FLOOR`, or
+    a phase is empty.
     """
     change = np.linalg.norm(np.diff(force, axis=0), axis=1)[np.asarray(moving, dtype=bool)[1:]]
-    held = (np.linalg.norm(force, axis=1) if grip is None else grip)[np.asarray(hold, dtype=bool)]
+    held = pressed[np.asarray(hold, dtype=bool)]
     if change.size == 0 or held.size == 0 or not held.mean() >= FORCE_FLOOR:
         return np.nan
     return float(100.0 * change.max() / held.mean())

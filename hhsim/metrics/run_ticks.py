@@ -46,7 +46,7 @@ class FreeRun:
 
     body: Datasets  # datasets of the body's ticks by name
     contacts: Datasets  # columns of its contacts by name, and `body`, as of `hhsim.result.body.Contacts`
-    properties: Mapping[str, Any]  # `FreeObject.to_json` of `hhsim.solver.free_object`
+    properties: Mapping[str, Any]  # `Body.properties` of `hhsim.scene.body`
     first: ObjectMotion  # pose of the object then, shapes (3,) and (4,)
     stiffness: AnyArray  # diagonal of G, the hand's springs, shape (21,)
     offset: float  # clearance that contacts keep [m]
@@ -90,13 +90,6 @@ class FreeRun:
         """Friction coefficient μ of each contact, shape (C,)."""
         of_hand, table = self.properties["friction"], self.properties["table_friction"]
         return np.asarray(np.where(self.contacts["body"] <= ON_TABLE, of_hand if table is None else table, of_hand))
-
-    @cached_property
-    def grip(self) -> FloatArray:
-        """Force of the hand's contacts at the ticks, their sizes summed [N], shape (T,)."""
-        of, ticks = self.of_hand, len(self["position"])
-        size = np.linalg.norm(self.force[of], axis=1)
-        return np.asarray(np.bincount(self.contacts["tick"][of], size, ticks), np.float64)
 
     @property
     def raised(self) -> float:

@@ -21,7 +21,6 @@ from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
 from hhsim.system.atomic_write import put_dataset, sealed_hdf5, write_atomically
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
 from hhsim.system.input_file import read_input_text
-from hhsim.system.output_path import check_output_path
 
 FORMAT = "hhsim-trajectory"
 SCHEMA_VERSION = 1
@@ -60,13 +59,6 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
         write_atomically(target, sealed_hdf5(lambda file: _write(trajectory, file)))
     else:
         raise OutputError(f"{target}: unknown suffix '{suffix}'; expected .h5 or .csv")
-
-
-def check_trajectory_path(path: Path) -> None:
-    """Raise OutputError for a place that cannot be written, another suffix, or a file that is no trajectory."""
-    check_output_path(path, "trajectory", load_trajectory)
-    if path.suffix.lower() not in (CSV_SUFFIX, *HDF5_SUFFIXES):
-        raise OutputError(f"{path} is no name for a trajectory: it has to end in .h5 or .csv")
 
 
 def load_trajectory(path: str | Path) -> Trajectory:

@@ -1,4 +1,4 @@
-"""Arrays of `.npz` and `.npy` files, without pickles, and no more than a hand recording can be; their replacement."""
+"""Arrays of `.npz` and `.npy` files, without pickles, and no more than a hand recording can be."""
 
 import io
 import tokenize
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import InputError, TrajectoryError, named
+from hhsim.errors import TrajectoryError
 from hhsim.motion.trajectory import as_numbers
 from hhsim.system.input_file import most_unpacked
 
@@ -71,35 +71,16 @@ def numbers(arrays: Mapping[str, Any], key: str, *shape: int) -> FloatArray:
 
 
 def npz_of(arrays: Mapping[str, Any]) -> bytes:
-    """Return an archive of arrays by their names."""
+    """Return an archive of arrays by their names, whatever these are."""
     out = io.BytesIO()
-    np.savez(out, **arrays)
+    with zipfile.ZipFile(out, "w") as archive:
+        for name, values in arrays.items():
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), npy_of(values))
     return out.getvalue()
 
 
-def npy_with(data: bytes, values: FloatArray) -> bytes:
-    """Return an `.npy` file with other values of its size and type; InputError for whole numbers, an unknown header."""
-    stream = io.BytesIO(data)
-    version = np.lib.format.read_magic(stream)
-    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in readers:
-        raise InputError(f"an .npy array of version {version[0]}.{version[1]}; expected 1.0 or 2.0 to correct it")
-    shape, fortran, kind = readers[version](stream)
-    if kind.kind != "f":
-        raise InputError(f"an array of {kind}, which does not hold a correction; expected floating-point numbers")
-    new = np.asarray(values).reshape(shape).astype(kind).tobytes("F" if fortran else "C")
-    return data[: stream.tell()] + new + data[stream.tell() + len(new) :]
-
-
-def npz_with(data: bytes, arrays: Mapping[str, FloatArray]) -> bytes:
-    """Return an archive with other values in some arrays, all else and the order as they are; errors as `npy_with`."""
+def npy_of(values: Any) -> bytes:
+    """Return an `.npy` file of an array, or of a dictionary, which is pickled."""
     out = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(data)) as given, zipfile.ZipFile(out, "w") as made:
-        for entry in given.infolist():
-            content, name = given.read(entry), entry.filename.removesuffix(".npy")
-            if name in arrays:
-                with named(f"array '{name}'"):
-                    content = npy_with(content, arrays[name])
-            made.writestr(entry, content)
-        made.comment = given.comment
+    np.save(out, values)
     return out.getvalue()

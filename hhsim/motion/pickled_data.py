@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hhsim.arrays import FloatArray
 from hhsim.errors import DamagedFileError, InputError, TrajectoryError
 from hhsim.system.child_reader import read_in_child
 
@@ -145,17 +146,23 @@ def flat(node: Mapping[str, Any], above: str = "") -> list[tuple[str, Any]]:
     return found
 
 
-def replaced(node: Mapping[str, Any], new: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Return nested dictionaries with other numbers of the same type under the names of `flat`."""
+def replaced(node: Mapping[str, Any], new: Mapping[str, FloatArray], above: str = "") -> dict[str, Any]:
+    """Return nested dictionaries with other numbers, of the same shape, type and order, under the names of `flat`.
+
+    Raises InputError for other numbers in place of whole ones.
+    """
     made = {}
     for key, value in node.items():
         name = f"{above}/{key}" if above else str(key)
         made[key] = replaced(value, new, name) if isinstance(value, dict) else value
         if name in new:
-            kind = np.asarray(value).dtype
-            if kind.kind != "f":
-                raise InputError(f"'{name}' is of {kind}, which does not hold a correction; expected floating-point")
-            made[key] = new[name].astype(kind)
+            old = np.asarray(value)
+            given, is_float = new[name].reshape(old.shape), old.dtype.kind == "f"
+            if is_float:
+                made[key] = given.astype(old.dtype, "F" if np.isfortran(old) else "C")
+            elif not np.array_equal(old, given):
+                what = f"'{name}' is of {old.dtype}, which does not hold a correction"
+                raise InputError(f"{what}; expected floating-point numbers")
     return made
 
 
@@ -178,8 +185,4 @@ def pickled_with(data: bytes, new: Mapping[str, Any]) -> bytes:
     fields = unpickled(data, "a recording")
     if any(isinstance(value, _State) for _, value in flat(fields)):
         raise InputError("a pickle of objects is not written; save its arrays: np.savez(FILE, NAME=…)")
-    old = pickled_arrays(data)
-    new = {
-        name: of for name, of in new.items() if not np.array_equal(old[name], of, equal_nan=old[name].dtype.kind == "f")
-    }
     return pickle.dumps(replaced(fields, new), protocol=data[1])

@@ -1,6 +1,6 @@
 """Cleaning of a recording into a trajectory: faults are mended if that is safe, flagged in each sample, and reported.
 
-Order: units, the part to keep, stamps, quaternions, outliers, missing values, signs, side, joint limits.
+Order: the part to keep, stamps, quaternions, outliers, missing values, signs, side, joint limits.
 What is not safe to mend raises one line: what is wrong, where, and what would be right.
 
 A step is impossible if it is faster than a hand (`Kind.speed`, above what is known of punches, flicks and pianists), a
@@ -34,7 +34,6 @@ from hhsim.recordings.recording import (
     note,
     turn,
 )
-from hhsim.recordings.unit_detection import clean_units, in_units, near_origin
 from hhsim.system.counted import counted
 from hhsim.table.table import number, words
 
@@ -128,10 +127,6 @@ class CleaningOptions:
     max_gap: float = 1.0  # longest gap that is interpolated [s]
     start: float | None = None  # part to keep, on the stamps' clock [s]; None for all
     end: float | None = None
-    # Units of the numbers in the file; None if it states them, or to detect them.
-    time_unit: str | None = None
-    length_unit: str | None = None
-    angle_unit: str | None = None
     # Hand whose limits the joint angles are clipped to, by default the usual one; None keeps them.
     limits: HandModel | None = field(default_factory=HandModel.default)
     # Make a right hand's motion of a left hand's, or the other way round: mirrored in the world's yz-plane.
@@ -163,8 +158,6 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
     if recording.object_motion is not None and options.other_hand:
         raise InputError("--other-hand would part the hand from the object, which moves as the recording has it")
     recording = recording.chosen(np.arange(recording.sample_count))
-    recording = in_units(recording, time=options.time_unit, length=options.length_unit, angle=options.angle_unit)
-    (recording,) = near_origin(clean_units(recording))
     recording = _clean_stamps(_cut(recording, options.start, options.end), options.max_gap)
     recording = _unit_quaternions(recording)
     if recording.sample_count >= 8:

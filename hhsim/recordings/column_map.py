@@ -161,13 +161,9 @@ def mapped(
     axes, up = options.palm_axes or columns.palm_axes, options.world_up or columns.world_up
     count = len(table.rows)
     content.note(*table.notes)
-    broken = 0
 
     def numbers(*names: str) -> FloatArray:
-        nonlocal broken
-        values, bad = table.numbers(names)
-        broken += bad
-        return values
+        return content.numbers(table, names)
 
     stamps = StampColumns()
     if columns.time is not None:
@@ -206,7 +202,6 @@ def mapped(
     followed = {joint: source for joint, source in joints.items() if source.joint is not None}
     for joint, source in followed.items():
         angles[:, JOINT_NAMES.index(joint)] = source.scale * angles[:, JOINT_NAMES.index(str(source.joint))]
-    content.unreadable(broken)
     position, orientation = frame.poses(position, orientation, axes)
     if columns.palm_offset is not None and any(columns.palm_offset):
         position = position + turned(orientation, np.array(columns.palm_offset))

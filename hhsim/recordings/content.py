@@ -1,6 +1,5 @@
 """Content of a file, read no further than needed, and the options for reading it; JSON of any maker."""
 
-import io
 import json
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -15,7 +14,7 @@ import numpy as np
 from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
-from hhsim.motion.npz_arrays import array_names, npy_with, npz_with, read_npy, read_npz
+from hhsim.motion.npz_arrays import array_names, npy_of, npz_of, read_npy, read_npz
 from hhsim.motion.pickled_data import flat, npy_dictionary, pickled_arrays, pickled_with, replaced
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import VALIDITY_WORDS, StatedFields, joint_name, kind_of, words_of
@@ -67,8 +66,10 @@ class ReadOptions:
     palm_axes: Sequence[str] | None = None
     world_up: str | None = None  # axis of the recording's world that points up; None takes the file's
     usual_up: str | None = None  # the same for a file that does not say it; None then holds the wrist still and level
-    # Unit for a format whose `Recording.scaled` is true; other recordings are converted after reading.
+    # Units of the numbers in the file; None if it states them, or to detect them.
+    time_unit: str | None = None
     length_unit: str | None = None
+    angle_unit: str | None = None
     rate: float | None = None  # samples a second [Hz], of a file without stamps
     hand_length: float | None = None  # length of the recorded hand [m], if its joints have no scale
     mano_model: Path | None = None  # the user's own file of the MANO model, .pkl or .npz
@@ -169,10 +170,9 @@ class Content:
         if self.head.startswith(PICKLES):
             return pickled_with(self.data, new)
         if self.holds_dictionary:
-            out = io.BytesIO()
-            np.save(out, np.array(replaced(npy_dictionary(self.data, self.what), new), dtype=object))
-            return out.getvalue()
-        return npy_with(self.data, new[ROWS]) if self.head.startswith(NPY) else npz_with(self.data, new)
+            return npy_of(replaced(npy_dictionary(self.data, self.what), new))
+        arrays = replaced(self.arrays, new)
+        return npy_of(arrays[ROWS]) if self.head.startswith(NPY) else npz_of(arrays)
 
     @cached_property
     def table(self) -> Table:
@@ -256,10 +256,10 @@ class Content:
         if cells:
             self.note(f"{counted(cells, 'cell')}{where} without a number: taken as missing")
 
-    def numbers(self, table: Table, columns: Sequence[str], where: str = "") -> FloatArray:
+    def numbers(self, table: Table, columns: Sequence[str]) -> FloatArray:
         """Return the numbers of some columns, NaN where missing, shape (T, C), and tell of cells without one."""
         values, broken = table.numbers(columns)
-        self.unreadable(broken, where)
+        self.unreadable(broken, f" of {columns[0]}{' and its like' if len(columns) > 1 else ''}")
         return values
 
     def unused(self, held: Mapping[str, Any], used: Collection[str | None] = ()) -> None:

@@ -14,13 +14,13 @@ the matrix is banded, as only neighbours in time are coupled.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.model import BREADTH_PER_LENGTH, DEFAULT_HAND_LENGTH, MIRROR, PALM_CENTER, default_fingers
+from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import conjugate, quaternion_product
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.frames import quaternions_of, turned
@@ -33,14 +33,14 @@ LEAST = 1e-15
 """Remainder of that weight for them, below an angle's resolution."""
 
 
-def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatArray]:
+def finger_angles(bones: FloatArray, axes: "FingerAxes") -> tuple[FloatArray, FloatArray]:
     """Compute the flexion and abduction that fit recorded bones best.
 
     `bones` are directions of the three bones of each finger from base to tip (thumb: metacarpal first), palm frame, any
-    length, NaN where missing, shape (T, 5, 3, 3). Returns flexion, shape (T, 5, 3), and abduction, shape (T, 5) [rad];
-    NaN where a bone of the finger is missing.
+    length, NaN where missing, shape (T, F, 3, 3), of fingers with these axes. Returns flexion, shape (T, F, 3), and
+    abduction, shape (T, F) [rad]; NaN where a bone of the finger is missing.
     """
-    distal, dorsal, across = finger_axes(side)
+    distal, dorsal, across = axes
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = bones / np.linalg.norm(bones, axis=-1, keepdims=True)
     along, aside, above = (np.einsum("tfki,fi->tfk", unit, axes) for axes in (distal, across, dorsal))
@@ -60,11 +60,9 @@ def finger_angles(bones: FloatArray, side: HandSide) -> tuple[FloatArray, FloatA
 
 
 @lru_cache
-def usual_fingers(side: HandSide = "right") -> dict[str, FloatArray]:
-    """Return the default hand's fingers, as `hhsim.hand.model.default_fingers`, mirrored for a left hand."""
-    sizes = default_fingers(DEFAULT_HAND_LENGTH, BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH)
-    mirror = MIRROR if side == "left" else np.ones(3)
-    return sizes | {key: sizes[key] * mirror for key in ("base", "distal", "dorsal")}
+def usual_hand(side: HandSide = "right") -> HandModel:
+    """Return the default hand of a side."""
+    return HandModel.default("left" if side == "left" else "right")
 
 
 class FingerAxes(NamedTuple):
@@ -77,15 +75,15 @@ class FingerAxes(NamedTuple):
     dorsal: FloatArray
     across: FloatArray
 
+    @classmethod
+    def of(cls, hand: HandModel) -> Self:
+        """Return the axes of a hand."""
+        return cls(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
 
-@lru_cache
+
 def finger_axes(side: HandSide) -> FingerAxes:
     """Return the default hand's finger axes."""
-    distal, dorsal = (usual_fingers(side)[key] for key in ("distal", "dorsal"))
-    distal = distal / np.linalg.norm(distal, axis=1, keepdims=True)
-    dorsal = dorsal - np.einsum("fi,fi->f", dorsal, distal)[:, None] * distal
-    dorsal /= np.linalg.norm(dorsal, axis=1, keepdims=True)
-    return FingerAxes(distal, dorsal, (-1.0 if side == "left" else 1.0) * np.cross(dorsal, distal))
+    return FingerAxes.of(usual_hand(side))
 
 
 def finger_joints(
@@ -125,14 +123,7 @@ def palm_from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) 
 @lru_cache
 def palm_in_knuckles(side: HandSide) -> FloatArray:
     """Return the model's palm frame in the frame of its wrist and knuckles, a quaternion (w, x, y, z), shape (1, 4)."""
-    return conjugate(_from_knuckles(usual_fingers(side)["base"][None, 1:], usual_wrist(side)[None], side))
-
-
-def usual_wrist(side: HandSide) -> FloatArray:
-    """Return the default hand's wrist [m], palm frame, shape (3,)."""
-    distal, lateral = PALM_CENTER
-    middle = np.array([lateral * BREADTH_PER_LENGTH * DEFAULT_HAND_LENGTH, -distal * DEFAULT_HAND_LENGTH, 0.0])
-    return np.asarray(middle * (MIRROR if side == "left" else 1.0))
+    return conjugate(_from_knuckles(usual_hand(side).base[None, 1:], usual_hand(side).wrist[None], side))
 
 
 def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> FloatArray:
@@ -144,7 +135,7 @@ def _from_knuckles(knuckles: FloatArray, wrist: FloatArray, side: HandSide) -> F
 
 def palm_origin(knuckles: FloatArray, orientation: FloatArray, side: HandSide) -> FloatArray:
     """Compute the palm origin [m], shape (T, 3), that puts the model's knuckles, in the middle, at recorded ones."""
-    return np.asarray(knuckles.mean(axis=1) - turned(orientation, usual_fingers(side)["base"][1:].mean(axis=0)))
+    return np.asarray(knuckles.mean(axis=1) - turned(orientation, usual_hand(side).base[1:].mean(axis=0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,9 +214,9 @@ def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, Float
 
     Flexions have the clinical active range widened by `PASSIVE_DEGREES`, or our hand's where this is wider.
     """
-    usual, clinical = usual_fingers(), np.array(FLEXION_DEGREES)
-    low = np.minimum(np.radians(clinical[..., 0] - PASSIVE_DEGREES), usual["flexion_min"])
-    high = np.maximum(np.radians(clinical[..., 1] + PASSIVE_DEGREES), usual["flexion_max"])
+    usual, clinical = usual_hand(), np.array(FLEXION_DEGREES)
+    low = np.minimum(np.radians(clinical[..., 0] - PASSIVE_DEGREES), usual.flexion_min)
+    high = np.maximum(np.radians(clinical[..., 1] + PASSIVE_DEGREES), usual.flexion_max)
     for limit in (low, high):
         limit[:, 0] += straight_flexion(axes, side)
     aside = np.full((len(FINGERS), 1), np.radians(LARGEST_ABDUCTION))
@@ -234,7 +225,7 @@ def anatomic_limits(axes: FingerAxes, side: HandSide) -> tuple[FloatArray, Float
 
 def straight_flexion(axes: FingerAxes, side: HandSide) -> FloatArray:
     """Return the flexion of each finger's first joint [rad] at which it points as the default hand's straight one."""
-    usual = usual_fingers(side)["distal"]
+    usual = usual_hand(side).distal
     return np.asarray(np.arctan2(-(usual * axes.dorsal).sum(axis=1), (usual * axes.distal).sum(axis=1)))
 
 
@@ -254,9 +245,8 @@ def fitted_angles(
         # A bone of no length has no direction.
         whole &= (np.diff(joints[:, f], axis=1) != 0.0).any(axis=2).all(axis=1)
         if whole.any():
-            own = [part[f] for part in axes]
-            chain = _Finger(joints[whole, f, 1:] - base[f], length[f], FingerAxes(*own), low[f], high[f])
-            angles[whole, f] = chain.followed()
+            own = FingerAxes(*(part[f] for part in axes))
+            angles[whole, f] = _Finger(joints[whole, f, 1:] - base[f], length[f], own, low[f], high[f]).followed()
     return angles[..., 1:], angles[..., 0]
 
 
@@ -289,13 +279,13 @@ class _Finger:
     def followed(self) -> FloatArray:
         """Return the angles of all samples, shape (T, 4)."""
         chosen = self.points[spread_samples(len(self.points))]
-        angles = self._solved(chosen, self._start(chosen, NOISE_FLOOR), NOISE_FLOOR, None)
+        angles = self._solved(chosen, self._start(chosen), NOISE_FLOOR, None)
         noise = noise_of(self._squares(chosen, angles), FREE)
         blocks: list[FloatArray] = []
         for first in range(0, len(self.points), BLOCK):
             points = self.points[first : first + BLOCK]
             before = blocks[-1][-1] if blocks else None
-            angles = self._solved(points, self._start(points, noise), noise, before)
+            angles = self._solved(points, self._start(points), noise, before)
             steady = self._unbroken(points, angles, noise)
             blocks.append(angles if steady is angles else self._solved(points, steady, noise, before))
         return np.concatenate(blocks)
@@ -325,23 +315,11 @@ class _Finger:
                     angles[k] = self._solved(points[k : k + 1], near[None], noise, near)[0]
         return angles
 
-    def _start(self, points: FloatArray, noise: float) -> FloatArray:
-        """Return angles in the plane of the joints or in that of the bones, whichever is nearer, of each sample."""
-        planes = (points, np.diff(points, axis=1, prepend=0.0))
-        found = [self._in_plane(points, vectors, noise) for vectors in planes]
-        squares = [self._squares(points, angles) for angles in found]
-        return np.where((squares[1] < squares[0])[:, None], found[1], found[0])
-
-    def _in_plane(self, points: FloatArray, vectors: FloatArray, noise: float) -> FloatArray:
-        """Return angles of joints in the plane nearest to vectors of each sample, shape (T, 3, 3)."""
-        turn = plane_abduction(vectors @ self.distal, vectors @ self.across, noise)
-        along, aside, above = (points @ axis for axis in (self.distal, self.across, self.dorsal))
-        onward = np.cos(turn)[:, None] * along + np.sin(turn)[:, None] * aside
-        steps = [np.diff(part, axis=1, prepend=0.0) for part in (-above, onward)]
-        flexion = np.diff(np.arctan2(*steps), axis=1, prepend=0.0)
-        middle = 0.5 * (self.low + self.high)[1:]
-        flexion = middle + (flexion - middle + np.pi) % (2.0 * np.pi) - np.pi
-        return np.clip(np.column_stack([turn, flexion]), self.low, self.high)
+    def _start(self, points: FloatArray) -> FloatArray:
+        """Return angles in the plane of the bones of each sample."""
+        axes = FingerAxes(*(axis[None] for axis in (self.distal, self.dorsal, self.across)))
+        flexion, abduction = finger_angles(np.diff(points, axis=1, prepend=0.0)[:, None], axes)
+        return np.clip(np.column_stack([abduction, flexion[:, 0]]), self.low, self.high)
 
     def jacobian(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Compute joints from the base, shape (T, 3, 3), and their derivatives by the angles, shape (T, 3, 3, 4)."""

@@ -6,13 +6,12 @@ Pereyra, SIAM J. Numer. Anal. 10, 1973).
 """
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import OutputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand import model
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -29,11 +28,10 @@ from hhsim.recordings.finger_ik import (
     plane_abduction,
     spread_samples,
     straight_flexion,
-    usual_fingers,
+    usual_hand,
 )
 from hhsim.recordings.frames import in_palm, turned
 from hhsim.recordings.recording import Recording, note
-from hhsim.system.output_path import check_output_path, holds
 
 USUAL_TILT = 0.35
 """Standard deviation of a dorsal axis from the usual one [rad]."""
@@ -67,7 +65,7 @@ def recorded_limits(
     limits = {}
     for key, angles in (("flexion", flexion), ("abduction", abduction)):
         for end, outer, sign in (("min", np.fmin, -1.0), ("max", np.fmax, 1.0)):
-            usual = usual_fingers()[f"{key}_{end}"].copy()
+            usual = getattr(usual_hand(), f"{key}_{end}").copy()
             if key == "flexion":
                 usual[:, 0] += straight_flexion(axes, side)
             # A hand file has six decimals: rounding never cuts a recorded angle.
@@ -152,7 +150,7 @@ def fitted_hand(recording: Recording, source: str) -> tuple[Recording, str]:
     low, high = model.HAND_LENGTH_RANGE
     if not low <= bones.hand_length <= high:
         raise TrajectoryError(f"--fit-hand: the hand is {bones.hand_length:.3g} m long; expected {low:g} to {high:g} m")
-    usual = usual_fingers()["base"]
+    usual = usual_hand().base
     width = np.linalg.norm(bones.base[1] - bones.base[4]) / np.linalg.norm(usual[1] - usual[4])
     share = float(np.clip(width * model.BREADTH_PER_LENGTH * model.DEFAULT_HAND_LENGTH / bones.hand_length, *BREADTHS))
     breadth = share * bones.hand_length
@@ -209,13 +207,5 @@ def in_angles_of(recording: Recording, hand: HandModel) -> Recording:
     length = hand.length.copy()
     if bones.tip_on_surface:
         length[:, 2] += hand.radius[:, 3]
-    axes = FingerAxes(hand.distal, hand.dorsal, hand.abduction_sign * hand.flexion_axis)
-    flexion, abduction = fitted_angles(at, hand.base, length, axes, bones.hand)
+    flexion, abduction = fitted_angles(at, hand.base, length, FingerAxes.of(hand), bones.hand)
     return recording.changed(position=position, flexion=flexion, abduction=abduction)
-
-
-def check_hand_path(path: Path) -> None:
-    """Raise OutputError if no hand file can be written: a wrong suffix, another kind of file, or no permission."""
-    if path.suffix.lower() != ".toml":
-        raise OutputError(f"{path} is no name for a hand file: it has to end in .toml")
-    check_output_path(path, "hand file", holds(b"hand_length"))

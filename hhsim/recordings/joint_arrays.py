@@ -21,7 +21,7 @@ from hhsim.motion.csv_table import Table
 from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import MOST, ROWS, Content, ReadOptions, keys_of, number, objects, vector
-from hhsim.recordings.finger_ik import usual_fingers, usual_wrist
+from hhsim.recordings.finger_ik import usual_hand
 from hhsim.recordings.joint_names import (
     KEYPOINTS,
     MANO_JOINTS,
@@ -142,7 +142,7 @@ def joints_of_table(
     what = recognised(located(joints), side)
 
     def cells(*columns: str) -> FloatArray:
-        return content.numbers(table, columns, f" of {columns[0]} and its like")
+        return content.numbers(table, columns)
 
     def stated(column: str) -> FloatArray:
         return np.array([*map(stated_value, table.text(column))])
@@ -458,9 +458,9 @@ def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> tuple[float, str
     # Shares of all bones: a tracker without scale may see the hand grow and shrink.
     total = np.maximum(bones.sum(axis=1, keepdims=True), TINY)
     share = np.median(bones / total, axis=0)
-    sizes = usual_fingers()
-    palm = np.linalg.norm(sizes["base"] - usual_wrist("right"), axis=1, keepdims=True)
-    usual = np.concatenate([palm, sizes["length"]], axis=1).ravel()
+    sizes = usual_hand()
+    palm = np.linalg.norm(sizes.base - sizes.wrist, axis=1, keepdims=True)
+    usual = np.concatenate([palm, sizes.length], axis=1).ravel()
     ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
     change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
     fits = PROPORTIONS[0] <= ratio.min() and ratio.max() <= PROPORTIONS[1] and change <= MOST_CHANGE

@@ -185,7 +185,6 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
         flexion=flexion,
         abduction=abduction,
         stated=frozenset({"length", "angle", "time"} if stated else {"length", "angle"}),
-        scaled=True,
         device=joints.device,
         hand=side,
         hand_length=bones.hand_length,
@@ -314,7 +313,7 @@ def _palmar_side(points: FloatArray) -> _Palmar:
         fingers = own[:, 5:].reshape(-1, 4, 4, 3)
         # The index finger stands for the thumb, which does not count.
         bones = np.diff(np.concatenate([fingers[:, :1], fingers], axis=1), axis=2)
-        bend[side] = _mean(finger_angles(bones, side)[0][:, 1:])
+        bend[side] = _mean(finger_angles(bones, finger_axes(side))[0][:, 1:])
         with np.errstate(invalid="ignore", divide="ignore"):
             above[side] = _mean(own[:, 2:5, 2] / np.linalg.norm(own[:, 9:10], axis=2))
     most = max(SIDES, key=bend.__getitem__)

@@ -277,7 +277,7 @@ def table_arrays(content: Content, table: Table, *, alone: bool = False) -> tupl
     for name, parts in groups.items():
         if len(parts) in sizes[name.split("_")[1]]:
             columns = [parts[k] for k in sorted(parts)]
-            arrays[name] = content.numbers(table, columns, f" of {columns[0]} and its like")
+            arrays[name] = content.numbers(table, columns)
             used.update(columns)
     return arrays, used
 
@@ -292,7 +292,7 @@ def placed(recording: Recording, poses: ObjectPoses | None) -> Recording:
     frame = recording.file_frame
     if poses.metre is not None:
         frame = frame._replace(metre=poses.metre)
-    elif recording.scaled or "length" in recording.stated:
+    elif "length" in recording.stated:
         apart = np.linalg.norm(frame.to_world(poses.position) - recording.position, axis=1)
         if np.isfinite(apart).any() and np.nanmedian(apart) > FAR:
             far = f"{' and '.join(poses.names)}: the object is {np.nanmedian(apart):.4g} m from the hand"

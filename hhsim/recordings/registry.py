@@ -16,7 +16,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import DamagedFileError, InputError, OutputError, TrajectoryError, UnknownNameError, named
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
-from hhsim.recordings.content import PICKLES, ZIP
+from hhsim.recordings.content import ZIP
 from hhsim.recordings.content import Content as Content
 from hhsim.recordings.content import ReadOptions as ReadOptions
 from hhsim.recordings.frames import FileFrame, axes_matrix
@@ -24,6 +24,7 @@ from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.joint_positions import JointPositions as JointPositions
 from hhsim.recordings.joint_positions import recording_of_joints
 from hhsim.recordings.recording import Recording
+from hhsim.recordings.unit_detection import in_our_units
 from hhsim.system.atomic_write import write_atomically
 from hhsim.system.input_file import media_kind
 
@@ -63,29 +64,6 @@ class Correction:
     changed: BoolArray  # samples with a correction, shape (T,)
 
 
-def moved_joints(joints: FloatArray, origin: FloatArray, shift: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Move recorded joints with their bones, each of which keeps its length.
-
-    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm origin of the fitted hand and its
-    displacement [m] have shape (T, 3), the rotations of the bones (T, 16, 3, 3).
-    """
-    moved = np.empty_like(joints)
-    palm = rotation[:, 0]
-    moved[:, 0] = _turned(palm, joints[:, 0] - origin) + origin + shift
-    for finger in range(5):
-        first = 1 + 4 * finger
-        moved[:, first] = _turned(palm, joints[:, first] - origin) + origin + shift
-        for bone in range(3):
-            along = joints[:, first + bone + 1] - joints[:, first + bone]
-            turned = _turned(rotation[:, 1 + 3 * finger + bone], along)
-            moved[:, first + bone + 1] = moved[:, first + bone] + turned
-    return moved
-
-
-def _turned(rotation: FloatArray, vectors: FloatArray) -> FloatArray:
-    return np.asarray((rotation @ vectors[..., None])[..., 0])
-
-
 class Changes(NamedTuple):
     """Samples of a recording with a correction, in the coordinates of its file."""
 
@@ -101,7 +79,8 @@ class Changes(NamedTuple):
         """Move points of one of OpenXR's joints, shape (N, 3); those beyond the 21 move with the palm."""
         if joint in KEYPOINTS:
             return np.asarray(points + self.shift[:, KEYPOINTS.index(joint)])
-        return _turned(self.turn[:, 0], points - self.centre) + self.centre + self.move
+        turned = (self.turn[:, 0] @ (points - self.centre)[..., None])[..., 0]
+        return np.asarray(turned + self.centre + self.move)
 
     def motion(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
@@ -178,7 +157,9 @@ def recording_suffixes() -> tuple[str, ...]:
 
 
 def read_recording(path: str | Path, options: ReadOptions | None = None, original: Path | None = None) -> Recording:
-    """Read a recording; `original` is the file that it was made from, beside which its object's poses may lie.
+    """Read a recording, in our units.
+
+    `original` is the file that it was made from, beside which its object's poses may lie.
 
     Raises TrajectoryError, in one line that begins with the path, for no such file, an unknown format, or a damaged
     one; InputError for options that do not fit the file.
@@ -191,7 +172,7 @@ def read_recording(path: str | Path, options: ReadOptions | None = None, origina
 
 
 def read_content(content: Content, options: ReadOptions) -> Recording:
-    """Read the recording in the content of a file; errors as of `read_recording`."""
+    """Read the recording in the content of a file, in our units; errors as of `read_recording`."""
     form = format_of(content, options)
     if options.palm_axes is not None:
         axes_matrix(options.palm_axes, "--palm-axes")
@@ -209,7 +190,7 @@ def read_content(content: Content, options: ReadOptions) -> Recording:
     if options.mirror is not None:
         content.note(f"left-handed coordinates: {options.mirror} is turned round, as --mirror says")
     content.note(*content.stated.told())
-    return recording.found(*content.told())
+    return in_our_units(recording.found(*content.told()), options)
 
 
 def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Recording:
@@ -234,7 +215,7 @@ def _with_stated_fields(recording: Recording, content: Content, options: ReadOpt
     if not side and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
         unsure = "with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
         content.note(f"nothing names the hand; {unsure}")
-    stated = "length" in recording.stated or recording.scaled or options.length_unit is not None
+    stated = "length" in recording.stated or options.length_unit is not None
     metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
     if metre is not None:
         recording = recording.resized(metre).changed(stated=recording.stated | {"length"})
@@ -273,14 +254,11 @@ def repaired_suffix(path: Path, options: ReadOptions) -> str:
     """Return the usual suffix of a corrected recording: that of its file, or `.npz` where it needs a new one."""
     content = Content(path)
     try:
-        # All pickles are written back, whatever they hold.
-        if not content.head.startswith(PICKLES):
-            is_same = _is_written_back(format_of(content, options), content, options)
-            return path.suffix if is_same else NEW_SUFFIXES[0]
+        is_same = _is_written_back(format_of(content, options), content, options)
     except InputError:
         # Whoever reads it says what is wrong.
-        pass
-    return path.suffix
+        is_same = True
+    return path.suffix if is_same else NEW_SUFFIXES[0]
 
 
 def _is_written_back(form: RecordingFormat, content: Content, options: ReadOptions) -> bool:
@@ -337,14 +315,3 @@ def write_recording(
             off = float(apart[np.isfinite(apart)].max(initial=0.0))
     write_atomically(target, data)
     return off
-
-
-def read_new_file(path: Path, recording: Recording) -> Recording:
-    """Return a recording with the hand of the new file that `write_recording` made of it."""
-    if recording.joints is None:
-        again = read_recording(path, ReadOptions(hand=recording.hand))
-        return recording.changed(**{name: getattr(again, name) for name in HandConfiguration._fields})
-    options = ReadOptions(form="keypoints", hand=recording.hand, world_up="z", length_unit="m", fits_angles=False)
-    again = read_recording(path, options)
-    assert again.joints is not None
-    return recording.changed(joints=FileFrame(recording.file_frame.turn).to_world(again.joints))

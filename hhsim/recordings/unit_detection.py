@@ -19,7 +19,8 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.recordings.finger_ik import usual_fingers
+from hhsim.recordings.content import ReadOptions
+from hhsim.recordings.finger_ik import usual_hand
 from hhsim.recordings.joint_names import words_of
 from hhsim.recordings.recording import Recording, note
 
@@ -66,9 +67,26 @@ _OF_A_STAMP = {"header", "tv"}
 _OWN_CLOCK = {"device", "sample", "capture", "tracking", "sensor"}
 
 
-def clean_units(recording: Recording) -> Recording:
-    """Convert stamps to s, positions to m, angles to rad; TrajectoryError for a wrong unit, stated or ambiguous."""
-    return _angles(_lengths(in_seconds(recording)))
+def in_our_units(recording: Recording, options: ReadOptions) -> Recording:
+    """Convert stamps to s, positions to m, angles to rad: by the units of the options, else of the file, else detected.
+
+    Raises InputError for a unit that the file states too, TrajectoryError for a wrong or an ambiguous one.
+    """
+    # Joint centres were scaled as they were fitted.
+    length = options.length_unit if recording.bones is None else None
+    units = {"time": options.time_unit, "length": length, "angle": options.angle_unit}
+    given = {key: unit for key, unit in units.items() if unit is not None}
+    for key, unit in given.items():
+        if key in recording.stated:
+            raise InputError(f"--{key}-unit {unit}: the file, or the mapping of its columns, states that unit already")
+    if "time" in given:
+        recording = _with_clock(recording, TIME_UNITS[given["time"]])
+    if "length" in given:
+        recording = recording.resized(LENGTH_UNITS[given["length"]])
+    if "angle" in given:
+        radian = ANGLE_UNITS[given["angle"]]
+        recording = recording.with_angles(recording.angles * radian).changed(angle_unit=radian)
+    return _angles(_lengths(in_seconds(recording.changed(stated=recording.stated | given.keys()))))
 
 
 def in_seconds(recording: Recording) -> Recording:
@@ -116,17 +134,6 @@ def _lengths(recording: Recording) -> Recording:
     return _converted(recording, text).resized(LENGTH_UNITS["mm"])
 
 
-def near_origin(*recordings: Recording) -> tuple[Recording, ...]:
-    """Move the origin of hands in one world [m] near to the first one's palm, by whole metres, if that is far away."""
-    place = recordings[0].position[np.isfinite(recordings[0].position).all(axis=1)]
-    middle = np.round(np.median(place, axis=0)) if place.size else np.zeros(3)
-    if np.linalg.norm(middle) <= FAR:
-        return recordings
-    at = ", ".join(f"{each:.0f}" for each in middle)
-    text = f"palm {np.linalg.norm(middle):.4g} m from the origin, which is moved to ({at}) m; sizes and paths stay"
-    return tuple(each.shifted(-middle).found(note(text)) for each in recordings)
-
-
 def _angles(recording: Recording) -> Recording:
     angles, stated = recording.angles, "angle" in recording.stated
     if not angles.size:
@@ -142,8 +149,8 @@ def _angles(recording: Recording) -> Recording:
         converted = _converted(recording, f"{reason}: taken for degrees; if they are not, say --angle-unit")
         return converted.with_angles(angles * ANGLE_UNITS["deg"]).changed(angle_unit=ANGLE_UNITS["deg"])
     # As degrees within ±200°, as radians maybe beyond what a hand bends.
-    sizes = usual_fingers()
-    least, most = (np.append(sizes[f"flexion_{end}"], sizes[f"abduction_{end}"]) for end in ("min", "max"))
+    hand = usual_hand()
+    least, most = np.append(hand.flexion_min, hand.abduction_min), np.append(hand.flexion_max, hand.abduction_max)
     beyond = (np.maximum(least - angles, angles - most) > SLACK).sum(axis=1)
     share = float((beyond >= JOINTS_BEYOND).mean())
     if share > MANY and not stated:
@@ -164,25 +171,6 @@ def _with_clock(recording: Recording, factor: float, shift: float = 0.0) -> Reco
     )
     first = factor * recording.first_stamp - shift
     return recording.changed(time=recording.time * factor + shift, phases=phases, first_stamp=first)
-
-
-def in_units(
-    recording: Recording, *, time: str | None = None, length: str | None = None, angle: str | None = None
-) -> Recording:
-    """Convert a recording to our units by those that the user states; InputError for one that the file states too."""
-    given = {"time": time, "length": length, "angle": angle}
-    given = {key: unit for key, unit in given.items() if unit is not None}
-    for key, unit in given.items():
-        if key in recording.stated:
-            raise InputError(f"--{key}-unit {unit}: the file, or the mapping of its columns, states that unit already")
-    if time is not None:
-        recording = _with_clock(recording, TIME_UNITS[time])
-    if length is not None:
-        recording = recording.resized(LENGTH_UNITS[length])
-    if angle is not None:
-        radian = ANGLE_UNITS[angle]
-        recording = recording.with_angles(recording.angles * radian).changed(angle_unit=radian)
-    return recording.changed(stated=recording.stated | given.keys())
 
 
 def _converted(recording: Recording, text: str) -> Recording:

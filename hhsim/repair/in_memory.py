@@ -15,9 +15,8 @@ from hhsim.mesh.mesh import Mesh
 from hhsim.motion.npz_arrays import npz_of
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.recordings.registry import Content, ReadOptions, read_content
-from hhsim.recordings.unit_detection import clean_units
-from hhsim.repair.repair import bodies_of, checked_bodies, corrected, in_our_units, prepared
+from hhsim.recordings.registry import Content, ReadOptions, read_content, read_recording
+from hhsim.repair.repair import bodies_of, checked_bodies, corrected, prepared
 from hhsim.repair.request import MAX_CORRECTION, RepairRequest
 from hhsim.result.labelled import Variable, as_dataset
 from hhsim.scene.declared_bodies import DeclaredBodies
@@ -101,7 +100,7 @@ def repair(
         if any(values is not None for values in (time, object_position, object_orientation)):
             raise InputError("time and the object's poses are those in the file; expected them with joints alone")
         read = ReadOptions(**given, rate=rate)
-        held = in_our_units(path, read)
+        held = read_recording(path, read)
     else:
         joints = np.asarray(recording, np.float64)
         arrays: dict[str, Any] = {"keypoints": joints}
@@ -113,8 +112,8 @@ def repair(
             turns = upright if object_orientation is None else object_orientation
             arrays["object_quat_wxyz"] = np.asarray(turns, np.float64)
         read = ReadOptions(**{"length_unit": "m", "form": "keypoints", **given}, rate=rate)
-        held = clean_units(read_content(Content(data=npz_of(arrays)), read))
-    request = RepairRequest(path, str(object_), path, hand=held.hand, max_correction=max_correction, palm=palm)
+        held = read_content(Content(data=npz_of(arrays)), read)
+    request = RepairRequest(path, str(object_), path, max_correction=max_correction, palm=palm)
     if isinstance(object_, DeclaredBodies):
         bodies = object_
     elif isinstance(object_, Mesh):

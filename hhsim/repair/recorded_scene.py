@@ -18,9 +18,9 @@ from hhsim.metrics.field.hands import FieldHands
 from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
-from hhsim.recordings.registry import BONES, Correction, moved_joints
+from hhsim.recordings.registry import BONES, Correction
 from hhsim.repair.skin import Skin
-from hhsim.repair.written_hand import WrittenHand
+from hhsim.repair.written_hand import WrittenHand, moved_joints
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.scene import Hand, Scene
 from hhsim.solver.scene_solver import SeenScene, seen_scene
@@ -65,8 +65,7 @@ class RecordedScene:
         if recording.joints is not None:
             joints = recording.joints.copy()
             some = part[changed]
-            shift = moved.position[some] - given.position[some]
-            joints[some] = moved_joints(joints[some], given.position[some], shift, turns[some])
+            joints[some] = moved_joints(joints[some], given.position[some], moved.position[some], turns[some])
         whole = np.zeros(count, dtype=bool)
         whole[part] = changed
         return Correction(given, moved, turns, joints, whole)

@@ -26,18 +26,15 @@ from hhsim.recordings.object_poses import with_object_poses
 from hhsim.recordings.recording import Recording, note, unused_poses
 from hhsim.recordings.registry import (
     BONES,
-    NEW_SUFFIXES,
     Content,
     Correction,
     ReadOptions,
     check_target,
     format_of,
-    read_new_file,
     read_recording,
     repaired_suffix,
     write_recording,
 )
-from hhsim.recordings.unit_detection import clean_units
 from hhsim.render.before_after import deepest_frames, draw_before_after
 from hhsim.render.triangle_soup import hand_surface, piece_surfaces
 from hhsim.repair.projection import GivenObject, HandJudge, Projection, farthest
@@ -88,7 +85,7 @@ def repair_recording(
     poses that cannot be read, MeshError for a mesh that cannot be used, OutputError for a file that cannot be written,
     or that is there: nothing is replaced. Its files appear together at the end, or none does.
     """
-    _check_paths(request, request.recording, RESULT, REPORT, PICTURE)
+    _check_paths(request, RESULT, REPORT, PICTURE)
     with new_files(request.out) as folder:
         outcome = _repaired(replace(request, out=folder / request.out.name), command, progress)
     paths = {what: request.out.with_name(path.name) for what, path in outcome.paths.items()}
@@ -99,8 +96,9 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     """Repair a recording into a folder that holds no other files."""
     names = {"result": RESULT} | ({"report": REPORT, "picture": PICTURE} if request.pictures else {})
     paths = {"recording": request.out} | {what: request.beside(name) for what, name in names.items()}
-    read, bodies = _reading(request), bodies_of(request)
-    recording = in_our_units(request.recording, read)
+    # The recording's own world will do where it says nothing of an axis up.
+    read, bodies = replace(request.read, usual_up="z"), bodies_of(request)
+    recording = read_recording(request.recording, read)
     skin = _skin(request.recording, read, recording)
     recording, recorded, touched = prepared(request, read, recording, bodies, skin)
     check_target(request.recording, recording, request.out)
@@ -119,11 +117,12 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         recording = recording.found(note(text))
     # What is judged is what the file says, without angles that fit its joints.
     again = replace(read, fits_angles=recording.joints is None)
-    written = (
-        in_our_units(request.out, again, request.recording)
-        if recording.is_written_back
-        else read_new_file(request.out, recording)
-    )
+    if recording.is_written_back:
+        written = read_recording(request.out, again, request.recording)
+    else:
+        # A new file has every number as it is.
+        joints = None if recording.joints is None else correction.joints
+        written = recording.changed(**correction.posture._asdict(), joints=joints)
     after_skin = None
     if skin is not None:
         after_skin = _skin(paths["recording"], read, written)
@@ -173,12 +172,6 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         _draw(recorded, seen.posture, before, after, paths["picture"])
         write_atomically(paths["report"], _page(outcome, paths["picture"].read_bytes()).encode())
     return outcome
-
-
-def _reading(request: RepairRequest) -> ReadOptions:
-    # The recording's own world will do where it says nothing of an axis up.
-    given = {"hand": request.hand, "mano_model": request.mano_model, "usual_up": "z", **request.options}
-    return ReadOptions(**given)
 
 
 class Prepared(NamedTuple):
@@ -232,7 +225,7 @@ def prepared(
         if len(bodies.settings) > 1:
             # Joints of the object are at 0 s at the first stamp of the hand, or of both that are repaired.
             both = [] if request.of_both is None else [replace(read, hand=each) for each in SIDES]
-            hands = [in_our_units(request.source, options) for options in both] or [recording]
+            hands = [read_recording(request.source, options) for options in both] or [recording]
             began = min(float(np.nanmin(each.time)) + each.first_stamp for each in hands)
         recorded = recorded_scene(recording, bodies, hand, request.recording.stem, began)
     recording = suspect_joints(recording)
@@ -338,13 +331,6 @@ def checked_bodies(bodies: DeclaredBodies, word: str) -> DeclaredBodies:
     return bodies.with_trees(lambda mesh: triangle_tree(mesh, TREE_LEVEL))
 
 
-def in_our_units(path: Path, read: ReadOptions, original: Path | None = None) -> Recording:
-    """Read a recording, and detect units that it does not state; arguments and errors as of `read_recording`."""
-    recording = read_recording(path, read, original)
-    with named(path):
-        return clean_units(recording)
-
-
 def _skin(path: Path, read: ReadOptions, recording: Recording) -> Skin | None:
     """Return the skin of the MANO model that moves in a recording; None without any."""
     content = Content(path)
@@ -396,13 +382,10 @@ def _page(outcome: RepairOutcome, worst: bytes) -> str:
     return render("repair/repair.html", title=table.title, figures=table, worst=worst, **stated, **made_by)
 
 
-def _check_paths(request: RepairRequest, given: Path, *beside: str) -> None:
-    """Raise InputError for another suffix than that of `given`, OutputError for a file that cannot be written anew."""
-    out = request.out
-    if out.suffix.lower() not in (given.suffix.lower(), *NEW_SUFFIXES):
-        raise InputError(f"{out}: the repaired recording has the format of the given one; expected {given.suffix}")
-    undo_killed(out)
-    for path in (out, *map(request.beside, beside)):
+def _check_paths(request: RepairRequest, *beside: str) -> None:
+    """Raise OutputError for a file that cannot be written anew."""
+    undo_killed(request.out)
+    for path in (request.out, *map(request.beside, beside)):
         check_output_path(path)
 
 
@@ -415,14 +398,16 @@ def repair_both_hands(
     the object, not of the other hand.
     """
     out, given = request.out, request.recording
-    _check_paths(request, given, *(f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)))
-    if repaired_suffix(given, _reading(request)) != given.suffix:
+    _check_paths(request, *(f"{side}-{name}" for side in SIDES for name in (RESULT, REPORT, PICTURE)))
+    if repaired_suffix(given, request.read) != given.suffix:
         raise InputError(f"{given}: its format is read and not written; repair each hand for itself: --hand right|left")
     found, recording = list[RepairOutcome](), given
     with new_files(out) as folder:
         for side in SIDES:
             beside = folder / f"{out.stem}-{side}{out.suffix}"
-            one = replace(request, recording=recording, hand=side, out=beside, of_both=given)
+            one = replace(
+                request, recording=recording, read=replace(request.read, hand=side), out=beside, of_both=given
+            )
             outcome = repair_recording(one, command=command, progress=progress)
             paths = {what: out.with_name(path.name) for what, path in outcome.paths.items()}
             found.append(replace(outcome, paths={**paths, "recording": out}))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from hhsim.motion.trajectory import HandSide
+from hhsim.recordings.content import ReadOptions
 from hhsim.table.table import Table
 
 MAX_CORRECTION = 0.015
@@ -24,8 +24,6 @@ class RepairRequest:
     # File with the object's pose in each frame; None if the recording has them, or it stands still.
     object_poses: Path | None = None
     hand_file: Path | None = None  # hand of a recording of angles; None for the usual one
-    mano_model: Path | None = None  # the user's own file of the MANO model
-    hand: HandSide = ""  # side of the hand; "" if the recording says it
     unit: str | None = None  # unit of the mesh file; None for metres
     size: float | None = None  # largest extent that the mesh is scaled to [m]; None keeps it
     max_correction: float = MAX_CORRECTION  # largest displacement of a point of the hand [m]
@@ -33,8 +31,8 @@ class RepairRequest:
     palm: Literal["fitted", "thin", "none"] = "fitted"
     pictures: bool = True  # True writes the page and its pictures too
     of_both: Path | None = None  # recording of two hands of which this one is repaired; None for that of one hand
-    # Further fields of `hhsim.recordings.registry.ReadOptions`.
-    options: Mapping[str, Any] = field(default_factory=dict)
+    # Hand, units and world of the recording, as far as the user states them.
+    read: ReadOptions = field(default_factory=ReadOptions)
 
     @property
     def source(self) -> Path:

@@ -12,8 +12,8 @@ from hhsim.metrics.field.field_table import FieldRow, FieldVerdict, doubts_of, f
 from hhsim.metrics.field.hands import FieldPair
 from hhsim.recordings.fitted_hand import in_angles_of
 from hhsim.recordings.recording import unused_poses
-from hhsim.recordings.registry import ReadOptions
-from hhsim.repair.repair import checked_bodies, in_our_units, prepared
+from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair.repair import checked_bodies, prepared
 from hhsim.repair.request import RepairRequest
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.scene_solver import seen_hand
@@ -56,7 +56,7 @@ def field_score(
         MeshError: A mesh that encloses nothing.
     """
     read = options or ReadOptions()
-    before, after = (in_our_units(path, read, recorded) for path in (recorded, repaired))
+    before, after = (read_recording(path, read, recorded) for path in (recorded, repaired))
     for path, recording in ((recorded, before), (repaired, after)):
         if recording.joints is None:
             expected = "expected the centres of the joints in a world whose up axis is known (--world-up)"
@@ -69,7 +69,7 @@ def field_score(
         k = int(np.argmax(off))
         stamps = f"{after.time[k]:.6f} s; expected {before.time[k]:.6f} s"
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
-    request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses, hand=before.hand)
+    request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses)
     bodies = checked_bodies(DeclaredBodies.of_mesh(mesh), mesh.name)
     made = prepared(request, read, before, bodies)
     scene = made.recorded

@@ -19,9 +19,9 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, ManoModel
 from hhsim.recordings.frames import FileFrame
-from hhsim.recordings.registry import BONES, Correction, moved_joints
+from hhsim.recordings.registry import BONES, Correction
 from hhsim.repair.projection import HandJudge, Projection, put
-from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii
+from hhsim.repair.written_hand import NUMBERS, PosedHand, WrittenHand, ball_radii, moved_joints
 
 BLOCK_FRAMES = 64
 """Frames whose vertices are moved at once."""
@@ -128,7 +128,7 @@ def carried(
 
     `weights` is that of a `Skin`, `joints` are recorded, shape (T, 21, 3), `rotation` is that of a `Correction`.
     """
-    after = moved_joints(joints, fitted.position, posture.position - fitted.position, rotation)
+    after = moved_joints(joints, fitted.position, posture.position, rotation)
     # The palm's origin and the first joint of each phalanx [m], shape (T, 16, 3).
     firsts = [each[:, 1:].reshape(-1, 5, 4, 3)[:, :, :3].reshape(-1, BONES - 1, 3) for each in (joints, after)]
     origins = fitted.position[:, None], posture.position[:, None]

@@ -18,7 +18,9 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.repair.projection import RELAXATION
 from hhsim.repair.skin import Skin, cone_coordinates, cone_gaps, in_palm, palm_distance
+from hhsim.solver.qp import QpProblem, QpStatus, solve_active_set
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
@@ -42,8 +44,6 @@ GROWTH_STEP = 1e-5
 """Accuracy of the growth of the palm's balls [m]."""
 BLOCK_POINTS = 16_384
 """Points whose nearest ball is searched at once."""
-INFEASIBLE = 1e-10
-"""Residual up to which the rows count as contradictory: a feasible point is nearer than the inverse of its root."""
 BINS = 256
 """Intervals of a phalanx's axis; of the vertices nearest to one the farthest alone enters the program."""
 
@@ -207,28 +207,9 @@ def _least_radii(rows: FloatArray, bounds: FloatArray, length: FloatArray, start
     # The model's minimum without any row.
     origin = np.linalg.solve(curvature, 0.5 * ball * start)
     across = np.linalg.solve(root, least.T).T
-    found = nearest_to_origin(across, right - least @ origin)
-    radius = start if found is None else origin + np.linalg.solve(root.T, found)
+    found = solve_active_set(QpProblem(np.ones(4), across, right - least @ origin, np.zeros(4)), RELAXATION)
+    radius = start if found.status is not QpStatus.OPTIMAL else origin + np.linalg.solve(root.T, found.x)
     return np.maximum.accumulate(radius[::-1])[::-1]
-
-
-def nearest_to_origin(rows: FloatArray, bounds: FloatArray) -> FloatArray | None:
-    """Compute the shortest x with rows · x ≥ bounds, of shapes (m, n) and (m,); None if there is none.
-
-    It is solved as a non-negative least-squares problem (Lawson & Hanson, Solving Least Squares Problems, 1974, chapter
-    23), which any number of redundant rows leaves unharmed.
-    """
-    from scipy.optimize import nnls
-
-    matrix, target = np.vstack([rows.T, bounds]), np.append(np.zeros(rows.shape[1]), 1.0)
-    try:
-        multiplier, _ = nnls(matrix, target)
-    except RuntimeError:
-        # It has used up its iterations.
-        return None
-    residual = matrix @ multiplier - target
-    # A residual of zero is Farkas' proof that no x satisfies all rows.
-    return None if residual[-1] > -INFEASIBLE else -residual[:-1] / residual[-1]
 
 
 def _fitted_palm(hand: HandModel, skin: Skin, fitted: HandConfiguration, contained: float) -> tuple[Mesh, SphereTree]:

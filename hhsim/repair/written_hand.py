@@ -100,6 +100,17 @@ def bone_frames(hand: HandModel, posture: HandConfiguration) -> FloatArray:
     return frames
 
 
+def moved_joints(joints: FloatArray, origin: FloatArray, position: FloatArray, rotation: FloatArray) -> FloatArray:
+    """Move recorded joints with their bones, each of which keeps its length.
+
+    The joints [m], shape (T, 21, 3), are in the order of `KEYPOINTS`; the palm's origins before and after [m] have
+    shape (T, 3), the rotations of the bones (T, 16, 3, 3).
+    """
+    moved, still = np.empty(joints.shape), np.tile(np.eye(3), (*rotation.shape[:2], 1, 1))
+    move_joints(as_argument(joints), as_argument(origin), still, as_argument(position), as_argument(rotation), moved)
+    return moved
+
+
 class WrittenHand:
     """Writes corrections of recorded joints; `surface` are the balls of `samples` that have to be outside.
 

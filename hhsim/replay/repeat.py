@@ -187,7 +187,7 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
         rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
         every = zip(hands[0].blocks(of_bodies), *(hand.blocks(names) for hand in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
-        run = OneTick(solver).run if hands[0].live is not None else lambda haptic: solver.world.run(*haptic)
+        run = OneTick(solver).run if hands[0].live is not None else lambda haptic: solver.run(*haptic)
         for first, blocks in zip(range(0, total, CHUNK_TICKS), every):
             report("ticks", first, total)
             bodies, *given = ({name: values[: total - first] for name, values in block.items()} for block in blocks)

@@ -27,9 +27,8 @@ from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import keeps_hands_apart
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.scene_solver import SceneSolver, keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 
@@ -94,7 +93,7 @@ class Replay:
                 for first in range(0, total, CHUNK_TICKS):
                     report("ticks", first, total)
                     ticks = slice(first, min(first + CHUNK_TICKS, total))
-                    writer.append(self._rows(ticks, self.solver.run(ticks)))
+                    writer.append(self._rows(ticks, self.solver.run(*(hand.at(ticks) for hand in seen.haptic))))
                     check_interrupt()
                 report("ticks", total, total)
             return self._finish(writer)

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,15 @@ from hhsim.result import schema
 from hhsim.result.body import HAND_ARRAYS, result_hand
 from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
-from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, HalfSpace, Joint
+from hhsim.scene.body import JOINT_BOUNDS, Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
-from hhsim.solver.free_object import LAW, FreeObject
 from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SeenScene
+from hhsim.system.settings_file import typed
 
+LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
+"""Contact law, as results state it."""
 STILL = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 """Pose of a body whose mesh is in a frame that is the world's."""
 JOINT_PROPERTIES = ("type", "axis", "origin", "limits", "friction", "on", "value")
@@ -54,15 +57,14 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
     Where one of several is free each has its properties; else a joint that its values drive has them.
     """
     parts, solids = seen.parts, {body.name: body for body in scene.solids}
-    free = [] if seen.free is None else [seen.free, *(own for own, _, _ in seen.others)]
     found: dict[str, StoredBody] = {}
     for p, body in enumerate(scene.solids if parts is None else [solids[name] for name in parts.names]):
         # Of several, none free, all are driven: one that stands may stand in a frame that a recording carries along.
-        kind = type(body.motion).__name__.lower() if free or parts is None else "driven"
+        kind = type(body.motion).__name__.lower() if seen.free or parts is None else "driven"
         columns = list(schema.POSE_COLUMNS if kind != "fixed" or parts is not None else ())
         properties: dict[str, Any] = {}
-        if free:
-            properties = free[p].to_json()
+        if seen.free:
+            properties = body.properties(scene.plane)
             columns += (*schema.MOTION_COLUMNS, *(() if parts is None else (schema.OF_BODIES,)))
             columns += (*(schema.FREE_COLUMNS if p == 0 else ()), *(schema.DRIVEN_COLUMNS if kind == "driven" else ()))
         elif parts is not None and body.joint is not None and body.name in parts.values:
@@ -170,8 +172,11 @@ def _scene_body(body: StoredBody, rows: slice) -> Body:
     begin, about = place, {name: own[name] for name in ("friction", "torsion") if name in own}
     motion: BodyMotion = Fixed()
     if body.is_free:
-        free = FreeObject.from_json(own)
-        motion, about["joint"] = free.motion, free.joint
+        free = {each.name: own[each.name] for each in fields(Free) if each.name in own}
+        motion = typed(free, Free, f"{body.name}: free object")
+        for kind in JOINT_BOUNDS:
+            if isinstance(own.get(kind), Mapping):
+                about["joint"] = typed({"type": kind, **own[kind]}, Joint, f"{body.name}: {kind}")
     elif "recorded_position" in body:
         motion = Driven(ObjectMotion(*(np.asarray(body[f"recorded_{name}"][rows]) for name in ObjectMotion._fields)))
     elif body.kind == "driven":

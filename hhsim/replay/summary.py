@@ -40,10 +40,9 @@ from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.hand_solver import HandSolver, WarmUp
+from hhsim.solver.hand_solver import HandSolver, WarmUp, reference_excess
 from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.reference_optimum import reference_excess
 from hhsim.solver.scene_solver import SceneSolver
 from hhsim.system.counted import counted
 from hhsim.trees.options import MOST_LEVEL
@@ -181,8 +180,9 @@ class HandRun(HandRows):
         scene, parts, free = solver.scene, seen.parts, None
         if seen.free is not None:
             contacts = Contacts(self._contacts, len(scene.hands), self.hand)
-            first = STILL if seen.others else seen.place
-            of_body = seen.free.to_json(), first, options.stiffness.diagonal(), options.offset, bool(seen.others)
+            first = STILL if seen.beside else seen.place
+            properties, stiffness = seen.free.properties(scene.plane), options.stiffness.diagonal()
+            of_body = properties, first, stiffness, options.offset, bool(seen.beside)
             free = FreeRun(self._body, contacts, *of_body)
         fingers = np.array([finger in options.fingers for finger in FINGERS])
         touched = seen.mesh, surface.arrays, hand_shape(self.model), fingers, options.touch, parts, options.surface
@@ -242,7 +242,7 @@ class HandRun(HandRows):
         seen, options, status = self.solver.seen, self.solver.options, self._series["status"]
         yield from (*seen.mesh.repairs, *seen.mesh.warnings)
         if np.any(status & STATUS_START_INSIDE):
-            where = "one of the bodies" if seen.others else "the object"
+            where = "one of the bodies" if seen.beside else "the object"
             where += ", or in the other hand" if self.described.get(HANDS_APART) else ""
             where += ", or in itself" if options.self_contact else ""
             yield f"the haptic hand begins inside {where}: the graphic hand began at a free place near it"
@@ -257,7 +257,7 @@ class HandRun(HandRows):
         # A hand that is as deep in the spheres is off the mesh to the inside, whatever the spheres.
         if error > max(MOST_CONTACT_ERROR, figures["penetration_max"]):
             level, way = seen.tree.depth, "replay the part that the hand touches as a mesh of its own"
-            if seen.others:
+            if seen.beside:
                 way = "mend it with --surface mesh"
             elif level < MOST_LEVEL:
                 finer = f"mend it with --level {level + 1}, or --max-error 1mm, which"

@@ -136,13 +136,13 @@ class HandRows:
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
         if seen.free is not None:
-            free = self.solver.world.object_ticks()
+            free = self.solver.object_ticks
             moved = RigidMotion(free.turn, free.shift)
             own = free_columns(free, *seen.place)
             contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))
         elif seen.carrier is not None:
             own = seen.carrier.at(ticks)._asdict()
-        of_bodies = body_rows(seen.parts, self.solver.world.all_ticks, self._names, ticks, own)
+        of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
         hand, shown = self._columns.block(ticks, time, input_seq, haptic, record, moved)
         tables = schema.hand_tables(self.model.side, shown)
         tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})

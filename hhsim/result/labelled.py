@@ -186,9 +186,7 @@ def export_ticks(
         UnknownNameError: No such dataset.
         OutputError: It cannot be written there, the name does not end in .csv, or another file is there.
     """
-    if path.suffix.lower() != ".csv":
-        raise OutputError(f"{path} is no name for a table: it has to end in .csv")
-    check_output_path(path, "table of ticks", begins_with(b"tick,"))
+    check_output_path(path, "table of ticks", begins_with(b"tick,"), (".csv",))
     known = tick_columns(result)
     wanted = tuple(known) if columns and ALL in columns else tuple(columns or USUAL)
     for name in wanted:

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 
 from hhsim.arrays import AnyArray, FloatArray, IntArray
-from hhsim.errors import DamagedFileError, InputError, OutputError, UnknownNameError
+from hhsim.errors import DamagedFileError, InputError, UnknownNameError
 from hhsim.hand.model import SIDES
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion, TickPhase, phase_names
 from hhsim.result import schema
@@ -547,9 +547,7 @@ def check_result_path(path: Path) -> None:
     Raises OutputError as `hhsim.system.output_path.check_output_path`; for another suffix; or for an existing file that
     is no result.
     """
-    check_output_path(path, "result file", lambda path: hdf5_format(path) == schema.FORMAT)
-    if path.suffix.lower() not in schema.SUFFIXES:
-        raise OutputError(f"{path} is no name for a result: it has to end in {' or '.join(schema.SUFFIXES)}")
+    check_output_path(path, "result file", lambda path: hdf5_format(path) == schema.FORMAT, schema.SUFFIXES)
 
 
 @contextlib.contextmanager

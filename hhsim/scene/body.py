@@ -6,7 +6,7 @@ say what each is, where it is in the frame of its file, and how it moves; docs/t
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -41,6 +41,8 @@ LEAST_LENGTH = 1e-9
 """A direction or a quaternion that is shorter has none: rounding would choose it."""
 MOST_BODIES = 6
 """Largest number of bodies with a surface where one is free."""
+JOINT_BOUNDS = {"hinge": (np.pi, "π"), "slider": (100.0, "100")}
+"""Bound of a free body's joint from its value at the first tick [rad] or [m], as a number and as text."""
 CLEARANCE = 5e-7
 """Distance [m] between a body and a table right under it: the clearance of contacts, so that it rests at once."""
 
@@ -98,8 +100,7 @@ class Free:
         solid = mass_properties(mesh)
         mass = density * solid.volume if mass is None else mass
         inertia = mass / solid.volume * solid.inertia
-        first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
-        return cls(mass, triple(solid.center), (first, second, third), **others)
+        return cls(mass, triple(solid.center), symmetric(inertia), **others)
 
 
 BodyMotion: TypeAlias = Fixed | Driven | Free
@@ -265,7 +266,10 @@ class Joint(Settings, frozen=True):
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Rigid body with a surface; mesh and tree [m] are in its frame, all else is in the world at the first tick."""
+    """Rigid body with a surface; mesh and tree [m] are in its frame, all else is in the world at the first tick.
+
+    Raises InputError for a number out of its range.
+    """
 
     name: str
     mesh: Mesh
@@ -276,6 +280,62 @@ class Body:
     joint: Joint | None = None  # without one it stands in the world, or moves in all directions
     friction: float = USUAL_FRICTION  # μ with hands; of two bodies it is the geometric mean of both
     torsion: float = 0.0  # largest torsional moment of a contact over its normal force [m]; 0: none
+
+    def __post_init__(self) -> None:
+        for name in ("friction", "torsion"):
+            check_range(name, getattr(self, name))
+        if self.free_joint is not None and self.limits is not None:
+            (least, most), (bound, text) = self.limits, JOINT_BOUNDS[self.free_joint.type]
+            if not -bound <= least <= most <= bound:
+                given = f"{self.free_joint.type} limits {least:g} to {most:g} {self.free_joint.unit}"
+                raise InputError(f"{given}; expected values from the start within ±{text}")
+
+    @property
+    def is_free(self) -> bool:
+        """True if forces move it."""
+        return isinstance(self.motion, Free)
+
+    @property
+    def free_joint(self) -> Joint | None:
+        """Joint on which forces move it."""
+        return self.joint if self.is_free else None
+
+    @property
+    def limits(self) -> tuple[float, float] | None:
+        """Least and greatest value of its joint, less that at the first tick [rad] or [m]; None without limits."""
+        if self.joint is None or self.joint.limits is None:
+            return None
+        least, most = self.joint.limits
+        return least - self.joint.value, most - self.joint.value
+
+    @cached_property
+    def solid(self) -> Free:
+        """Mass, centre and inertia: those of its motion, or of its mesh where forces do not move it."""
+        return self.motion if isinstance(self.motion, Free) else Free.of_mesh(self.placed_mesh)
+
+    @property
+    def pivot(self) -> FloatArray:
+        """Centre of mass, or the point of its hinge's axis nearest to it [m], world at the first tick, shape (3,)."""
+        center, joint = np.array(self.solid.center), self.free_joint
+        if joint is None or joint.type == "slider":
+            return center
+        axis, origin = joint.direction, np.array(joint.origin)
+        pivot: FloatArray = origin + ((center - origin) * axis).sum() * axis
+        return pivot
+
+    def properties(self, plane: "HalfSpace | None") -> dict[str, Any]:
+        """Return what counts of it and of a plane where a body is free, as plain values, limits less the joint's value.
+
+        A joint is named by its type, and only where there is one.
+        """
+        table = (None, None) if plane is None else (plane.height, plane.friction)
+        plain = {**asdict(self.solid), "friction": self.friction, "torsion": self.torsion}
+        plain |= dict(zip(("table", "table_friction"), table))
+        if (joint := self.free_joint) is None:
+            return plain
+        origin = {"origin": joint.origin} if joint.type == "hinge" else {}
+        own = {"limits": self.limits, "friction": joint.friction, "on": joint.on}
+        return plain | {joint.type: {"axis": joint.axis, **origin, **own}}
 
     @cached_property
     def placed_mesh(self) -> Mesh:
@@ -296,11 +356,22 @@ class HalfSpace:
     height: float  # of its surface [m], world
     friction: float | None = None  # μ with bodies; None: each body's own
 
+    def __post_init__(self) -> None:
+        check_range("table", self.height)
+        if self.friction is not None:
+            check_range("table_friction", self.friction)
+
 
 def triple(values: ArrayLike) -> Triple:
     """Return three numbers as a tuple."""
     x, y, z = np.asarray(values, np.float64).tolist()
     return (x, y, z)
+
+
+def symmetric(inertia: FloatArray) -> tuple[Triple, Triple, Triple]:
+    """Return an inertia row by row, without what rounding left of asymmetry."""
+    first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
+    return first, second, third
 
 
 def composed(base: ObjectMotion, poses: ObjectMotion) -> ObjectMotion:

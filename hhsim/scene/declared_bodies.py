@@ -37,6 +37,7 @@ from hhsim.scene.body import (
     Joint,
     Keyframe,
     composed,
+    symmetric,
     triple,
 )
 from hhsim.scene.overlap import Solid, overlap
@@ -159,29 +160,26 @@ class DeclaredBodies:
         return self.path(np.zeros(1))
 
     def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
-        """Return the bodies in the world at the ticks of a motion, which places the frame of their file or moves it.
+        """Return the bodies in the world at the ticks of a motion, which places the frame of their file, or moves it.
 
         Raises InputError for a free body where the motion moves the object.
         """
-        carrier = ticks.object_motion
-        if carrier is not None and any(body.is_free for body in self.solids):
+        moves = ticks.object_motion is not None
+        if moves and any(body.is_free for body in self.solids):
             raise InputError(f"in {motion.name or 'the motion'} the object moves as recorded, so it cannot be free")
         time, values = ticks.time, self.values(ticks.time)
-        steps = (len(time), 1)
-        frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
-        path = self.path(time)
+        # Poses of the frame of the file, world.
+        steps, frame = (len(time), 1), ticks.object_motion
+        if frame is None:
+            frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
         # A body whose frame is the file's goes as the recording has it, without rounding.
-        poses = {name: carrier or frame if _is_still(own) else composed(frame, own) for name, own in path.items()}
-        if carrier is not None:
-            along = carrier.since(carrier.position[0], carrier.orientation[0])
-            moved = ObjectMotion(along.shift, along.turn)
-            poses |= {name: composed(moved, poses[name]) for name, own in path.items() if not _is_still(own)}
+        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in self.path(time).items()}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solids:
             driven: BodyMotion = Fixed()
-            if carrier is not None or body.name in self.drives or body.name in values:
+            if moves or body.name in self.drives or body.name in values:
                 own = poses[body.name]
-                held = own if carrier else own.at(held_rows(np.concatenate(own, axis=1)))
+                held = own if moves else own.at(held_rows(np.concatenate(own, axis=1)))
                 driven = Driven(held, values.get(body.name))
             bearer = poses[body.bearer] if body.bearer else frame
             found[body.name] = self._placed(body, poses[body.name].at(0), bearer.at(0), driven, values)
@@ -194,14 +192,14 @@ class DeclaredBodies:
         return tuple(found[body.name] for body in self.settings)
 
     def _placed(
-        self, body: BodySettings, pose: ObjectMotion, base: ObjectMotion, motion: BodyMotion, values: Mapping[str, Any]
+        self, body: BodySettings, pose: ObjectMotion, bearer: ObjectMotion, moves: BodyMotion, values: Mapping[str, Any]
     ) -> Body:
-        """Return a body at its first pose; `base` is that of what bears it; a free one ignores `motion`."""
+        """Return a body in the world at its first pose, with that of what bears it; a free one ignores `moves`."""
         joint = None
         if body.joint is not None:
-            turn, start = rotation_matrix(base.orientation), values.get(body.name, [body.joint.value])
+            turn, start = rotation_matrix(bearer.orientation), values.get(body.name, [body.joint.value])
             axis = triple((turn * np.array(body.joint.axis)).sum(axis=1))
-            origin = triple((turn * np.array(body.joint.origin)).sum(axis=1) + base.position)
+            origin = triple((turn * np.array(body.joint.origin)).sum(axis=1) + bearer.position)
             joint = structs.replace(body.joint, axis=axis, origin=origin, start=float(start[0]), motion=None)
         placed = Body(
             name=body.name,
@@ -209,7 +207,7 @@ class DeclaredBodies:
             tree=self.trees[body.name],
             position=pose.position,
             orientation=pose.orientation,
-            motion=motion,
+            motion=moves,
             joint=joint,
             friction=USUAL_FRICTION if body.friction is None else body.friction,
             torsion=body.torsion,
@@ -221,9 +219,8 @@ class DeclaredBodies:
             return replace(placed, motion=solid)
         turn = rotation_matrix(pose.orientation)
         inertia = matmul(matmul(turn, np.array(body.inertia)), turn.T)
-        first, second, third = (triple(row) for row in 0.5 * (inertia + inertia.T))
         center = triple((turn * np.array(body.center)).sum(axis=1) + pose.position)
-        return replace(placed, motion=Free(body.mass, center, (first, second, third)))
+        return replace(placed, motion=Free(body.mass, center, symmetric(inertia)))
 
 
 def joined_tree(trees: Sequence[SphereTree], moved: Sequence[RigidMotion], name: str, mesh: Mesh) -> SphereTree:
@@ -364,8 +361,7 @@ def _of_link(
     if own is not None and not {"mass", "density"} & set(given):
         about["mass"] = own.mass
         if own.center is not None and own.inertia is not None:
-            half = 0.5 * (own.inertia + own.inertia.T)
-            about |= {"center": triple(own.center), "inertia": tuple(triple(row) for row in half)}
+            about |= {"center": triple(own.center), "inertia": symmetric(own.inertia)}
     about |= given
     if joint is None or joint.type == "free":
         about["fixed"] = not free or (joint is None and linkage.on_world)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta, structs
 
-from hhsim.errors import InputError, TrajectoryError, named
+from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
@@ -332,8 +332,6 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         right, left = (resolve_trajectory(path / f"{side}_motion.csv") for side in SIDES)
         return right, left
     if is_imported(path):
-        from hhsim.recordings.unit_detection import clean_units, near_origin
-
         # Each wrist would stand at the origin without a world: that of the recording keeps their distance.
         recordings = [read_imported(path, side, {"usual_up": "z", **(reading or {})}) for side in SIDES]
         # On the file's own clock: stamps count from each hand's first one.
@@ -345,9 +343,7 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         chosen = [one.chosen(inside) for one, inside in zip(recordings, shared)]
         if not any(np.nan_to_num(one.position).any() for one in chosen):
             raise TrajectoryError(f"{word}: no place of either hand, so nothing tells how far apart they are")
-        with named(path):
-            hands = near_origin(*map(clean_units, chosen))
-        right, left = (clean_imported(path, hand) for hand in hands)
+        right, left = (clean_imported(path, hand) for hand in chosen)
         return right, left
     if holds_a_result(path):
         if load_result(path).name:

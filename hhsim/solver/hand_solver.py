@@ -1,53 +1,55 @@
-"""Solver of the graphic hand, one tick after another from a free place on, and of hands that keep out of each other.
+"""Solver of the graphic hand, one tick after another from a free place on, and the reference optimum of its tracking.
 
-With what moves freely hands move by one program.
+The reference of a method is `coupled`, converged.
 """
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import FloatArray
-from hhsim.errors import InputError
+from hhsim.arrays import FloatArray, IntArray
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.self_pairs import cross_pairs, self_clearance, self_pairs
+from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.callee import collector_at_rest
 from hhsim.kernels.contact.contact_points import clearances
-from hhsim.kernels.contact.hand_pairs import hands_distance
 from hhsim.kernels.hand.hand_shape import StoredHands
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
+from hhsim.kernels.hand.pose import is_finite_configuration
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import look_at
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import penetration
+from hhsim.metrics.metrics import penetration, tracking_energy, tracking_excess
 from hhsim.reproducible import norm
-from hhsim.solver.free_object import EngineBody, FreeObject
+from hhsim.scene.body import Body, HalfSpace
 from hhsim.solver.method import Engine, find_method
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import PARTS, UNBOUNDED, UNLIMITED, USUAL, SolverOptions, require_options
 from hhsim.solver.workspace import TickWorkspace, tick_record
 from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
+    from hhsim.kernels.world.record import ObjectRecord
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 SHARES = 64
 """Number of postures that are tried between a hand that is in itself and the straight one."""
+REFERENCE_LINEARISATIONS = 400
+REFERENCE_STEP_TOLERANCE = 1e-8
+"""Largest move of any point of the hand [m] in the last linearisation of a converged reference."""
 
 
 class HandSolver:
@@ -57,9 +59,9 @@ class HandSolver:
         surface: Object's surface, world frame, of the kind that the options name: a
             `hhsim.trees.contact_surface.ContactSurface`, or its arrays alone. A method from outside may need the mesh.
         options: Method, stiffness and lengths.
-        free: Physical properties of a free object. `surface` is then its place at the start; ticks are given in the
-            world and returned as seen from the object, whose own motion is in `object_ticks`.
-        others: Further bodies beside a free object. A hand that begins in one of them is freed of it, too.
+        free: A free body, whose surface at the start `surface` is. Ticks are given in the world and returned as seen
+            from it; its own motion is in `object_ticks`.
+        others: Further bodies beside it, and the plane. A hand that begins in one of them is freed of it, too.
 
     Raises:
         InputError: A method that lacks what it needs, arrays of another surface than the options name, or options that
@@ -71,8 +73,8 @@ class HandSolver:
         hand: HandModel,
         surface: Any,
         options: SolverOptions,
-        free: FreeObject | None = None,
-        others: Sequence[EngineBody] = (),
+        free: Body | None = None,
+        others: Sequence[Body | HalfSpace] = (),
     ) -> None:
         self.options = options
         self.workspace = TickWorkspace(hand, surface, options)
@@ -80,7 +82,7 @@ class HandSolver:
         if free is None and self.method.missing:
             raise InputError(f"method {options.method} {self.method.missing}")
         if isinstance(self.workspace.surface, JointedSurface) and not self.method.beside_parts:
-            require_jointed(options)
+            require_options(options, PARTS)
         self.free = None if free is None else WorldEngine(self.workspace, free, others=others)
         self.engine: Engine = self.free or self.method.engine(self.workspace)
         self._started = False
@@ -139,7 +141,7 @@ class HandSolver:
         for name in HapticBlock._fields:
             haptic_pose[name][:] = pose[name]
         in_itself = part_fingers(workspace)
-        inside = clearance(workspace) < 0.0
+        inside = min(distances_of(workspace)) < 0.0
         if inside:
             retreat(workspace)
         inside |= in_itself
@@ -149,7 +151,7 @@ class HandSolver:
         if workspace.beside and self.free is None:
             return STATUS_START_INSIDE
         # The start is no part of the method: every method begins from the same place.
-        engine = self.world or WorldEngine(workspace, None)
+        engine = self.world or WorldEngine(workspace)
         engine.approach(START_LINEARISATIONS)
         if engine is not self.engine:
             self.engine.begin()
@@ -176,18 +178,6 @@ class HandSolver:
         self._started = True
 
 
-_SOLVED_WITH = {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)}
-"""Options that bodies of several parts go with."""
-
-
-def require_jointed(options: SolverOptions) -> None:
-    """Raise an InputError unless a body of several parts can be touched with these options."""
-    for name, expected in _SOLVED_WITH.items():
-        if (found := getattr(options, name)) not in expected:
-            wanted = " or ".join(map(str, expected))
-            raise InputError(f"{name} {found} has no bodies of several parts: expected {wanted}")
-
-
 class WarmUp(NamedTuple):
     """Wall time of the warm-up [s], and True if anything was compiled instead of loaded."""
 
@@ -196,9 +186,7 @@ class WarmUp(NamedTuple):
 
 
 @collector_at_rest()
-def warm_up(
-    hand: HandModel, options: SolverOptions, free: FreeObject | None = None, *, jointed: bool = False
-) -> WarmUp:
+def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *, jointed: bool = False) -> WarmUp:
     """Run one tick of a hand far from a small body, fixed, free or driven, with every kernel."""
     began = time.perf_counter()
     before = compiled_kernels()
@@ -211,10 +199,7 @@ def warm_up(
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(
-        hand,
-        surface,
-        options if method.compiled or free is not None else replace(options, method="coupled"),
-        None if free is None else replace(free, table=None),
+        hand, surface, options if method.compiled or free is not None else replace(options, method="coupled"), free
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
@@ -224,13 +209,8 @@ def warm_up(
     return WarmUp(time.perf_counter() - began, compiled_kernels() > before)
 
 
-def clearance(workspace: TickWorkspace) -> float:
-    """Signed distance [m] of the graphic hand to all surfaces, also deep inside, up to ten times the margin."""
-    return min(_clearances(workspace))
-
-
-def _clearances(workspace: TickWorkspace) -> list[float]:
-    """Signed distances [m] to the object, and to each body beside it."""
+def distances_of(workspace: TickWorkspace) -> list[float]:
+    """Signed distances [m] of the graphic hand to each surface, also deep inside, up to ten times the margin."""
     pose, options = workspace.states[0].pose, workspace.options
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     rotation = np.empty((3, 3))
@@ -260,10 +240,10 @@ def part_fingers(workspace: TickWorkspace) -> bool:
 
 def retreat(workspace: TickWorkspace) -> None:
     """Shift the hand by the least distance that frees it, over 26 directions and away from what it is deepest in."""
-    pose, deepest = workspace.states[0].pose, int(np.argmin(_clearances(workspace)))
+    pose, deepest = workspace.states[0].pose, int(np.argmin(distances_of(workspace)))
     joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
     away = joints.reshape(-1, 3).mean(axis=0) - workspace.center(deepest)
-    shift_until([pose.position], away, lambda: clearance(workspace), workspace.options.margin)
+    shift_until([pose.position], away, lambda: min(distances_of(workspace)), workspace.options.margin)
 
 
 def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Callable[[], float], clear: float) -> None:
@@ -291,157 +271,57 @@ def shift_until(positions: Sequence[FloatArray], away: FloatArray, distance: Cal
     place(nearest)
 
 
-def keeps_hands_apart(options: SolverOptions) -> bool:
-    """Return whether two hands of these options, on an object that is not free, keep out of each other."""
-    return options.method in ("coupled", "progressive") and options.qp == "active-set"
+def best_hands(hand: HandModel, mesh_surface: Any, options: SolverOptions, haptic: HandConfiguration) -> TickRecord:
+    """Return the least-energy pose of every tick: `coupled` on the triangles, converged, from the haptic hand on.
 
-
-class WorldSolver:
-    """Keeps hands between ticks, and what moves freely with them.
-
-    Where something is free all move by one program. Else each hand's ticks are those that it has alone, but for those
-    in which two might have met: these are made by one program of both. Methods that promise no distance to the object,
-    and other QP solvers, keep no two hands apart.
-
-    Args:
-        hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
-            is at first and with the same options: each places its hand at the start.
-        free: Physical properties of a free object beside two hands.
-        others: Further bodies beside it.
-
-    Raises:
-        InputError: Options that a free object does not go with.
+    `mesh_surface` is the object's surface `mesh`, world; the options give stiffness and lengths. Raises HhsimError
+    where the optimum has more pairs than the solver holds.
     """
-
-    def __init__(
-        self, hands: Sequence[HandSolver], free: FreeObject | None = None, others: Sequence[EngineBody] = ()
-    ) -> None:
-        self.hands = tuple(hands)
-        self._spaces = tuple(hand.workspace for hand in hands)
-        self._has_free = free is not None
-        self.engine = hands[0].free
-        self._two: WorldEngine | None = None
-        if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
-            self._two = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
-        self._started = self._two is None
-
-    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
-        """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
-
-        With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
-        `object_ticks`.
-        """
-        blocks = tuple(HapticBlock(*(as_argument(values) for values in given)) for given in haptic)
-        begun = [0] * len(blocks)
-        if not self._started and len(blocks[0].position):
-            begun = self.begin(blocks)
-        records = self._run(blocks, haptic)
-        for record, start in zip(records, begun):
-            record.status[:1] |= start
-        return records
-
-    def object_ticks(self, hand: int = 0) -> "ObjectRecord":
-        """Return the record of the free object in the last ticks as of one of the hands, see `WorldEngine.seen_by`."""
-        assert self.engine is not None
-        return self.engine.seen_by(hand)
-
-    @property
-    def all_ticks(self) -> "BodiesRecord | None":
-        """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return None if self.engine is None else self.engine.all_ticks
-
-    def _run(self, blocks: tuple[HapticBlock, ...], haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
-        two = self._two
-        if two is None:
-            return tuple(hand.run(*given) for hand, given in zip(self.hands, haptic))
-        records = tuple(tick_record(len(block.position)) for block in blocks)
-        if self._has_free:
-            done = two.run_many(blocks, records)
-        else:
-            from hhsim.kernels.world.side_by_side import run_hands_apart
-
-            with ExitStack() as stack:
-                for alone in self._alone:
-                    stack.enter_context(alone.thread_team.at_work(alone.method))
-                done = run_hands_apart(*self._of_both(two, blocks, records))
-        if done and any(record.status[done - 1] & STATUS_CAPACITY_EXCEEDED for record in records):
-            raise two.workspace.full()
-        return records
-
-    def _of_both(
-        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
-    ) -> tuple[Any, ...]:
-        """Return the arguments of `run_hands_apart`."""
-        first, second = (alone.method for alone in self._alone)
-        return (first, second), two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code
-
-    @property
-    def _alone(self) -> list[WorldEngine]:
-        """Engine of each hand alone."""
-        return [hand.world for hand in self.hands if hand.world is not None]
-
-    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: "WorldRecord") -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
-
-        Those of hands have the hand as the first axis; `bodies` is written where one is free.
-        """
-        given, written = _of_each(haptic, record)
-        if self._two is not None and not self._has_free:
-            from hhsim.kernels.world.side_by_side import run_hands_apart
-
-            return run_hands_apart, self._of_both(self._two, given, written)
-        first, engine = self.hands[0], self.engine or self.hands[0].world
-        if first.method.compiled and engine is None and len(self.hands) == 1:
-            return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
-        engine = engine or WorldEngine(first.workspace, None)
-        compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
-        return engine.call(haptic, record, bodies, compiled)
-
-    def tick(self, haptic: HapticBlock, record: TickRecord) -> None:
-        """Run ticks of each hand alone, see `HandSolver.tick`; arrays as for `tick_call`."""
-        for hand, given, written in zip(self.hands, *_of_each(haptic, record), strict=True):
-            hand.tick(given, written)
-
-    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
-        """Place both hands, apart where they begin in each other; return the status bits of each first tick.
-
-        The first tick does it if nobody has, and must be given the same input.
-        """
-        self._started, two = True, self._two
-        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
-        if two is None:
-            return begun
-        parted = _part(self._spaces)
-        if parted:
-            begun = [start | STATUS_START_INSIDE for start in begun]
-        # Beside one body alone each hand has come as near as it can.
-        if parted or (any(begun) and self._spaces[0].beside):
-            two.approach(START_LINEARISATIONS)
-        elif self._has_free:
-            two.begin()
-        two.world.is_near = parted
-        return begun
+    on_mesh = _converged(options, surface="mesh", skin=USUAL, touch=USUAL)
+    return HandSolver(hand, mesh_surface, on_mesh).run(*haptic)
 
 
-def _of_each(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
-    """Return views for each hand of arrays that have the hand as the first axis."""
-    hands = range(len(haptic.position))
-    given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
-    return given, [TickRecord(*(values[h] for values in record)) for h in hands]
+def _converged(options: SolverOptions, **changed: Any) -> SolverOptions:
+    return replace(
+        options,
+        method="coupled",
+        threads=1,
+        qp="active-set",
+        linearisations=REFERENCE_LINEARISATIONS,
+        budget=UNLIMITED,
+        step_tolerance=REFERENCE_STEP_TOLERANCE,
+        snap_speed=UNBOUNDED,
+        **changed,
+    )
 
 
-def _part(spaces: Sequence[TickWorkspace]) -> bool:
-    """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
-    pairs, (one, other) = cross_pairs(), (space.hand for space in spaces)
-    first, second = (space.states[0].pose for space in spaces)
+def reference_excess(
+    hand: HandModel,
+    surface: Any,
+    options: SolverOptions,
+    haptic: HandConfiguration,
+    graphic: HandConfiguration,
+    ticks: IntArray,
+) -> FloatArray:
+    """Compute the coupling energy above the reference optimum, (E - E*) / E*, at some ticks, shape (len(ticks),).
 
-    def distance() -> float:
-        update_kinematics(one, first)
-        update_kinematics(other, second)
-        return min(hands_distance(pairs, one, first, other, second), *(clearance(space) for space in spaces))
-
-    if distance() >= 0.0:
-        return False
-    away, clear = first.position - second.position, spaces[0].options.margin
-    shift_until([first.position, second.position], away, distance, clear)
-    return True
+    The optimum is the local one that `coupled` converges to from the method's own graphic hand with the input held,
+    with the stiffness and lengths of the options. NaN in free space, and where the graphic hand is too deep inside for
+    the reference. The surface is in the world, as `HandSolver` takes it; the hands are those of every tick.
+    """
+    solver = HandSolver(hand, surface, _converged(options))
+    diagonal = options.stiffness.diagonal()
+    found, wanted = graphic.at(ticks), haptic.at(ticks)
+    best = found.copy()
+    for i in range(len(ticks)):
+        block = None
+        # So deep inside that there are more pairs than the solver holds.
+        with suppress(HhsimError):
+            solver.place(*found.at(i))
+            block = solver.run(*wanted.part(i, i + 1)._replace(abduction=found.abduction[i : i + 1]))
+        if block is None or block.status[0] & STATUS_STUCK:
+            best.position[i] = np.nan
+            continue
+        for name in ("position", "orientation", "flexion"):
+            getattr(best, name)[i] = getattr(block, name)[0]
+    return tracking_excess(tracking_energy(wanted, found, diagonal), tracking_energy(wanted, best, diagonal))

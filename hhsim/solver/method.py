@@ -1,9 +1,9 @@
 """Methods: what each promises, its options and engine, and how it is found by its name.
 
-hhsim's own are modules of `hhsim.solver.methods` with a `METHOD`. An installed package declares one as an entry point
-of the group "hhsim.methods"; `package.module:Class` names an undeclared one. Either is a `Method`, or a class as
-`hhsim.solver.outside_method.OutsideMethod`. Surfaces are found alike: modules of `hhsim.kernels.surfaces` with a
-`SURFACE` and its kernels.
+hhsim's own are in `METHODS`. An installed package declares one as an entry point of the group "hhsim.methods";
+`package.module:Class` names an undeclared one. Either is a `Method`, or a class as
+`hhsim.solver.outside_method.OutsideMethod`. Surfaces are modules of `hhsim.kernels.surfaces` with a `SURFACE` and its
+kernels.
 """
 
 import hashlib
@@ -77,10 +77,44 @@ class Method:
         return frozenset(promise for promise in PROMISES if getattr(self, promise))
 
 
-METHODS: Registry[Method] = Registry(
-    "hhsim.solver.methods", "METHOD", "method", first=("coupled", "progressive", "paper", "penalty")
-)
-"""hhsim's own methods by name; `hhsim.solver.method` knows those from outside too."""
+def _made(module: str, name: str, workspace: Any) -> Engine:
+    # Imported when it is made: an engine stands above what only names methods.
+    engine: Engine = getattr(import_module(f"hhsim.solver.{module}"), name)(workspace)
+    return engine
+
+
+OWN = {
+    "coupled": Method(
+        summary="one program for the whole hand",
+        engine=partial(_made, "world_engine", "WorldEngine"),
+        never_penetrates=True,
+        nearest_to_user=True,
+        follows_input=True,
+        takes_backends=True,
+        takes_self_contact=True,
+    ),
+    "progressive": Method(
+        summary="the paper's way made safe, first the palm, then each finger",
+        engine=partial(_made, "world_engine", "WorldEngine"),
+        never_penetrates=True,
+        follows_input=True,
+        takes_threads=True,
+    ),
+    "paper": Method(
+        summary="the paper's way as printed",
+        engine=partial(_made, "block_engine", "paper_engine"),
+        refuses_surfaces="the paper's constraints are between frustums and spheres",
+        # Forces by Eq. 14, one linearisation a tick, Δr = 0.5 mm.
+        defaults={"force": "paper", "linearisations": 1, "margin": 5e-4},
+    ),
+    "penalty": Method(
+        summary="spring-dampers at the contacts and no program",
+        engine=partial(_made, "block_engine", "penalty_engine"),
+        refuses_surfaces="its springs let the hand sink in, and triangles have no depth",
+    ),
+}
+METHODS: Registry[Method] = Registry(OWN, kind="method", first=tuple(OWN))
+"""hhsim's own methods by name; `find_method` knows those from outside too."""
 
 
 def methods_that(promise: str) -> tuple[str, ...]:
@@ -109,49 +143,26 @@ def method_names() -> list[str]:
 
 def outside_class(name: str) -> Any:
     """Import the class of a declared method or `package.module:Class`; raises InputError or UnknownNameError."""
-    if name in declared_methods():
-        found = _imported(name, declared_methods()[name].load)
-    elif ":" in name:
-        found = _imported(name, lambda: _named(name))
-    else:
-        raise UnknownNameError("method", name, method_names())
+    entry = declared_methods().get(name, EntryPoint(name, name, GROUP))
+    if name not in declared_methods():
+        if ":" not in name:
+            raise UnknownNameError("method", name, method_names())
+        here = str(Path.cwd())
+        if here not in sys.path:
+            # Behind all that is installed: a file beside the user's data must not take a library's place.
+            sys.path.append(here)
+    try:
+        found = entry.load()
+    except (Exception, SystemExit) as error:
+        # Whatever somebody else's module raises is told in one line.
+        where = "package.module:Class, from the current folder or installed"
+        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
     missing = [part for part in ("begin", "tick") if not callable(getattr(found, part, None))]
     if not isinstance(found, Method) and (not isinstance(found, type) or missing):
         what = f"lacks {' and '.join(missing)}" if missing else "is an instance"
         expected = "expected a class with __init__(scene), begin(pose) and tick(haptic)"
         raise InputError(f"method '{name}' is no method: {found!r} {what}; {expected}")
     return found
-
-
-def _named(name: str) -> Any:
-    module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:
-        # Behind all that is installed: a file beside the user's data must not take a library's place.
-        sys.path.append(here)
-    return getattr(import_module(module), attribute)
-
-
-def _imported(name: str, load: Callable[[], Any]) -> Any:
-    try:
-        return load()
-    except (Exception, SystemExit) as error:
-        # Whatever somebody else's module raises is told in one line.
-        where = "package.module:Class, from the current folder or installed"
-        raise InputError(f"method '{name}' cannot be imported: {type(error).__name__}: {error} ({where})") from error
-
-
-def facts_of(made: Any) -> dict[str, Any]:
-    """Return `summary`, `forces`, `work`, `never_penetrates`, `missing` and `source` (SHA-256, or "") of a class."""
-    lines = (getattr(made, "__doc__", None) or "").strip().splitlines()
-    return {
-        "summary": str(getattr(made, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        "forces": bool(getattr(made, "gives_forces", False)),
-        "work": bool(getattr(made, "gives_work", False)),
-        "never_penetrates": bool(getattr(made, "never_penetrates", False)),
-        "missing": str(getattr(made, "missing", "")),
-        "source": source_of(made),
-    }
 
 
 def source_of(made: Any) -> str:
@@ -182,16 +193,17 @@ def find_method(name: str) -> Method:
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
-    facts = facts_of(found)
+    lines = (found.__doc__ or "").strip().splitlines()
+    forces, work = (bool(getattr(found, name, False)) for name in ("gives_forces", "gives_work"))
     return Method(
-        summary=facts["summary"],
-        engine=partial(_engine, name, found, facts["forces"]),
-        never_penetrates=facts["never_penetrates"],
+        summary=str(getattr(found, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
+        engine=partial(_outside_engine, name, found, forces),
+        never_penetrates=bool(getattr(found, "never_penetrates", False)),
         follows_input=True,
-        gives=frozenset((TIMES, RUNS, *([FORCES] if facts["forces"] else []), *([UNITS] if facts["work"] else []))),
+        gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []), *([UNITS] if work else []))),
         compiled=False,
-        missing=facts["missing"],
-        source=facts["source"],
+        missing=str(getattr(found, "missing", "")),
+        source=source_of(found),
     )
 
 
@@ -214,11 +226,10 @@ def _no_engine(name: str, workspace: Any) -> Engine:
     raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
 
 
-def _engine(name: str, made: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
-    # As hhsim's own, the engine is imported when it is made: it stands above what only names methods.
-    from hhsim.solver.outside_method import MethodHere, OutsideEngine
+def _outside_engine(name: str, make: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
+    from hhsim.solver.outside_method import OutsideEngine
 
-    return OutsideEngine(partial(MethodHere, name, made, forces), forces, workspace)
+    return OutsideEngine(name, make, forces, workspace)
 
 
 SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))

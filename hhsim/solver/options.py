@@ -24,22 +24,17 @@ UNBOUNDED = 1e6
 BUDGET_SHARE = 0.15
 """Default budget in work units of 1 to 3 ns, as a share of a tick's period in nanoseconds. The current linearisation is
 finished, list updates included: that may take a tick to 0.6 of its period."""
-BY_PERIOD: Any = None
-"""Placeholder of a default that depends on the period."""
-
+USUAL: Any = None
+"""Placeholder of a default that depends on the method, the surface or the period."""
 NUMBERS = (
     *("period", "response", "contact_response", "linearisations", "budget", "threads"),
     *("margin", "skin", "offset", "step_tolerance", "snap_speed", "touch", "tolerance"),
 )
 """Numeric options, whose ranges are in `hhsim.ranges`."""
-BY_METHOD: Any = None
-"""Placeholder of a default that depends on the method."""
-BY_SURFACE: Any = None
-"""Placeholder of a default that depends on the surface."""
-DEFAULTS_OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
-USUAL_OF_SURFACE = {"skin": 2e-3, "touch": TOUCH}
-"""Skin and touch [m] of a surface. Where triangles are small they are many: a wide skin lists more than it saves. A
-contact that bears a force is an `offset` away from them, without the error of spheres."""
+OF_SURFACE = {"mesh": {"skin": 5e-4, "touch": 1e-6}}
+OF_ANY_SURFACE = {"skin": 2e-3, "touch": TOUCH}
+"""Usual skin and touch [m] of a surface. Where triangles are small they are many: a wide skin lists more than it saves.
+A contact that bears a force is an `offset` away from them, without the error of spheres."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +65,21 @@ def usual_budget(period: float) -> int:
     return max(1, round(1e9 * BUDGET_SHARE * period))
 
 
+FREE, PARTS = "free objects", "bodies of several parts"
+_SOLVED_WITH: Mapping[str, Mapping[str, tuple[Any, ...]]] = {
+    FREE: {"method": ("coupled",), "qp": ("active-set",), "force": ("kkt",)},
+    PARTS: {"method": ("coupled", "progressive"), "qp": ("active-set",), "threads": (1,), "force": ("kkt",)},
+}
+"""Options that either goes with."""
+
+
+def require_options(options: "SolverOptions", what: str) -> None:
+    """Raise an InputError unless `FREE` objects, or bodies of several `PARTS`, can be touched with these options."""
+    for name, expected in _SOLVED_WITH[what].items():
+        if (found := getattr(options, name)) not in expected:
+            raise InputError(f"{name} {found} has no {what}: expected {' or '.join(map(str, expected))}")
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class SolverOptions:
     """Options of the solver; lengths in metres; InputError for an unknown name, or a number out of its range."""
@@ -78,27 +88,27 @@ class SolverOptions:
     surface: str = "spheres"  # one of `hhsim.solver.method.SURFACES`: what of the object the hand touches
     qp: str = "active-set"  # `active-set`, or, of `coupled`, a backend that qpsolvers offers
     # `kkt` (the QP's multipliers) or `paper` (Eq. 14). Default: `paper` for method `paper`, else `kkt`.
-    force: str = BY_METHOD
+    force: str = USUAL
     # Fingers that the scene uses, of thumb, index, middle, ring, little. The others follow the haptic hand without
     # contact; the palm is always used.
     fingers: tuple[str, ...] = FINGERS
     # Most linearisations in a tick. Default: 12; method `paper` makes exactly so many, by default 1; in `penalty`, most
     # rounds in which a tick finds which contacts push.
-    linearisations: int = BY_METHOD
+    linearisations: int = USUAL
     # Work units (`hhsim.kernels.tick.state`) after which a tick begins no further linearisation; the rest of the step
     # is lag, which the next tick continues. Default: `BUDGET_SHARE` of the period.
-    budget: int = BY_PERIOD
+    budget: int = USUAL
     # Pairs up to this far enter the QP; near the object no step is longer. Default: 1 mm. Of method `paper` this is Δr,
     # by default 0.5 mm, and no bound on a step.
-    margin: float = BY_METHOD
+    margin: float = USUAL
     # Pairs up to this much farther are listed between ticks. Default: 2 mm; 0.5 mm with surface `mesh`.
-    skin: float = BY_SURFACE
+    skin: float = USUAL
     offset: float = 5e-7  # clearance that contacts keep, so that second-order errors of small steps do not penetrate
     step_tolerance: float = 1e-4  # a shorter step ends the tick
     # Speed beyond the user's own [m/s] with which the hand of `coupled` follows a nearest pose that has moved on.
     snap_speed: float = 0.15
     tolerance: float = 1e-8  # accepted violation of a program's row, as a share of the margin
-    touch: float = BY_SURFACE  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
+    touch: float = USUAL  # pairs nearer than this count as touching. Default: 10 µm; 1 µm with surface `mesh`.
     # Threads that share the fingers' programs of a tick of `progressive`, up to one for each finger. The bytes do not
     # depend on their number.
     threads: int = 1
@@ -115,15 +125,13 @@ class SolverOptions:
 
     def __post_init__(self) -> None:
         method = find_method(self.method)
-        for name, value in method.defaults.items():
-            if getattr(self, name) is BY_METHOD:
-                object.__setattr__(self, name, value)
         check_known("surface", [self.surface], SURFACES)
         if self.surface != "spheres" and method.refuses_surfaces:
             why = method.refuses_surfaces
             raise InputError(f"method {self.method} takes the surface spheres, not {self.surface}: {why}")
-        for name, value in DEFAULTS_OF_SURFACE.get(self.surface, USUAL_OF_SURFACE).items():
-            if getattr(self, name) is BY_SURFACE:
+        budget = {"budget": usual_budget(check_range("period", self.period))}
+        for name, value in {**method.defaults, **OF_SURFACE.get(self.surface, OF_ANY_SURFACE), **budget}.items():
+            if getattr(self, name) is USUAL:
                 object.__setattr__(self, name, value)
         if self.qp != "active-set" and not method.takes_backends:
             known = " and ".join(methods_that("takes_backends"))
@@ -137,8 +145,6 @@ class SolverOptions:
         check_known("kind of frustum ends", [self.frustum_ends], FRUSTUM_ENDS)
         check_known("finger", self.fingers, FINGERS)
         for name in NUMBERS:
-            if name == "budget" and self.budget is BY_PERIOD:
-                object.__setattr__(self, "budget", usual_budget(self.period))
             # Kernels are compiled for the type of each: a whole number of metres is one with a point.
             object.__setattr__(self, name, check_range(name, getattr(self, name)))
         if self.threads > 1 and self.qp != "active-set":
@@ -159,7 +165,7 @@ class SolverOptions:
 
     def at_rate(self, rate: float) -> "SolverOptions":
         """Return the options for ticks at a rate [Hz]; a default budget follows the period."""
-        budget = BY_PERIOD if self.budget == usual_budget(self.period) else self.budget
+        budget = USUAL if self.budget == usual_budget(self.period) else self.budget
         return replace(self, period=1.0 / rate, budget=budget)
 
     def scaled(self, factor: float) -> "SolverOptions":

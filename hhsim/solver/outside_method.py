@@ -63,14 +63,6 @@ class TickAnswer(NamedTuple):
         return f"TickAnswer({self.pose!r}, {forces})"
 
 
-class Timed(NamedTuple):
-    """Value that a call returned, and its wall and CPU time [ns]."""
-
-    value: Any
-    wall: int
-    cpu: int
-
-
 class OutsideMethod(Protocol):
     """A method from outside; made anew for every run.
 
@@ -89,108 +81,87 @@ class OutsideMethod(Protocol):
         """Return the graphic hand for the haptic hand of this tick."""
 
 
-class MethodHere:
-    """Runs a method, made by `make` for a scene; `ticks` counts the answered ones.
+class OutsideEngine:
+    """Runs a method from outside, made by `make` for a scene; computes from its hands what hhsim's own methods record.
 
-    Raises InputError where the method fails or answers with no hand.
+    `ticks` counts the answered ones. Raises InputError where the method fails or answers with no hand.
     """
 
     def __init__(
-        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, scene: MethodScene
+        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace"
     ) -> None:
-        self.name, self.forces, self.ticks = name, forces, 0
-        self.method = self._call("cannot be made", make, scene).value
-
-    def begin(self, pose: HandConfiguration) -> None:
-        """Call `OutsideMethod.begin`."""
-        self._call("fails in begin()", self.method.begin, pose)
-
-    def tick(self, haptic: HandConfiguration) -> Timed:
-        """Call `OutsideMethod.tick`; the value is a `TickAnswer` as `checked_answer` makes it."""
-        found = self._call("fails", self.method.tick, haptic)
-        answer = checked_answer(self.name, self.ticks, found, self.forces)
-        self.ticks += 1
-        return found._replace(value=answer)
-
-    def _call(self, what: str, function: Callable[..., Any], *given: Any) -> Timed:
-        try:
-            # What it prints is no part of this program's output.
-            with redirect_stdout(sys.stderr):
-                cpu, wall = process_time_ns(), perf_counter_ns()
-                value = function(*given)
-                return Timed(value, perf_counter_ns() - wall, process_time_ns() - cpu)
-        except InputError:
-            raise
-        except (Exception, SystemExit) as error:
-            where = f" (tick {self.ticks:,})" if what == "fails" else ""
-            raise InputError(f"method '{self.name}' {what}: {type(error).__name__}: {error}{where}") from error
-
-
-def checked_answer(name: str, tick: int, found: Timed, forces: bool) -> TickAnswer:
-    """Return the answer to a tick as arrays of float64 with a unit quaternion; `forces` requires forces.
-
-    Raises InputError where it is no hand, or claims a time that the tick did not take.
-    """
-
-    def wrong(what: str) -> InputError:
-        return InputError(f"method '{name}' {what} (tick {tick:,})")
-
-    def array(part: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
-        try:
-            array = np.asarray(values, np.float64)
-        except (TypeError, ValueError) as error:
-            raise wrong(f"answers with a {part} that is no array of numbers") from error
-        if array.shape != shape:
-            raise wrong(f"answers with a {part} of shape {array.shape}: expected {shape}")
-        if not np.isfinite(array).all():
-            raise wrong(f"answers with a {part} that is not finite")
-        return array
-
-    answer = found.value if isinstance(found.value, TickAnswer) else TickAnswer(found.value)
-    pose = answer.pose
-    if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
-        raise wrong(f"answers with {type(pose).__name__}: expected a HandConfiguration or a TickAnswer")
-    arrays = {part: array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
-    length = float(norm(arrays["orientation"]))
-    if abs(length - 1.0) > UNIT:
-        raise wrong(f"answers with an orientation of length {length:.6g}: expected a unit quaternion w x y z")
-    arrays["orientation"] = arrays["orientation"] / length
-    native, most = answer.native_ns, max(found.wall, found.cpu)
-    if not isinstance(native, Real) or not 0 <= native <= most:
-        raise wrong(f"answers with a native_ns of {native!r:.40}: expected 0 to the {most:,} ns that the tick took")
-    if not isinstance(answer.work, Integral) or not 0 <= answer.work <= MOST_WORK:
-        raise wrong(f"answers with a work of {answer.work!r:.40}: expected a whole number from 0 to {MOST_WORK:,}")
-    phalanx = palm = None
-    if forces:
-        if answer.phalanx_force is None:
-            raise wrong("promises forces (gives_forces) and gives none")
-        phalanx = array("phalanx_force", answer.phalanx_force, (5, 3, 3))
-        palm = np.zeros(3) if answer.palm_force is None else array("palm_force", answer.palm_force, (3,))
-    return TickAnswer(HandConfiguration(**arrays), phalanx, palm, int(native), int(answer.work))
-
-
-class OutsideEngine:
-    """Runs a method from outside, made by `run_by`, and computes from its hands what hhsim's own methods record."""
-
-    def __init__(self, run_by: Callable[[MethodScene], MethodHere], forces: bool, workspace: "TickWorkspace") -> None:
-        self.forces, self.workspace = forces, workspace
+        self.name, self.forces, self.workspace, self.ticks = name, forces, workspace, 0
         # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
         states = workspace.states
         self.haptic = {field: states["haptic"][field][0] for field in HandConfiguration._fields}
         self.pose = {field: states["pose"][field][0] for field in (*HandConfiguration._fields, "joints")}
         self.palm_wrench, self.work = states["forces"]["palm_wrench"][0], states["work"][0]
         scene = MethodScene(workspace.model, workspace.mesh, workspace.tree, workspace.options)
-        self.runner = run_by(copy.deepcopy(scene))
+        self.method, *_ = self._call("cannot be made", make, copy.deepcopy(scene))
 
     def begin(self) -> None:
         """See `Engine.begin`."""
-        self.runner.begin(HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields)))
+        pose = HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields))
+        self._call("fails in begin()", self.method.begin, pose)
 
     def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
         """See `Engine.run`; InputError if the method fails, or its answer is no hand."""
         for i, sample in enumerate(zip(*haptic)):
             self._tick(HandConfiguration(*sample), i, record)
         return len(haptic.position)
+
+    def _call(self, what: str, function: Callable[..., Any], *given: Any) -> tuple[Any, int, int]:
+        """Return the value of a call, and its wall and CPU time [ns]."""
+        try:
+            # What it prints is no part of this program's output.
+            with redirect_stdout(sys.stderr):
+                cpu, wall = process_time_ns(), perf_counter_ns()
+                value = function(*given)
+                return value, perf_counter_ns() - wall, process_time_ns() - cpu
+        except InputError:
+            raise
+        except (Exception, SystemExit) as error:
+            where = f" (tick {self.ticks:,})" if what == "fails" else ""
+            raise InputError(f"method '{self.name}' {what}: {type(error).__name__}: {error}{where}") from error
+
+    def _wrong(self, what: str) -> InputError:
+        return InputError(f"method '{self.name}' {what} (tick {self.ticks:,})")
+
+    def _array(self, part: str, values: Any, shape: tuple[int, ...]) -> FloatArray:
+        try:
+            array = np.asarray(values, np.float64)
+        except (TypeError, ValueError) as error:
+            raise self._wrong(f"answers with a {part} that is no array of numbers") from error
+        if array.shape != shape:
+            raise self._wrong(f"answers with a {part} of shape {array.shape}: expected {shape}")
+        if not np.isfinite(array).all():
+            raise self._wrong(f"answers with a {part} that is not finite")
+        return array
+
+    def _checked(self, found: Any, most: int) -> TickAnswer:
+        """Return the answer to a tick, which took `most` ns, as arrays of float64 with a unit quaternion."""
+        answer = found if isinstance(found, TickAnswer) else TickAnswer(found)
+        pose = answer.pose
+        if not isinstance(pose, tuple) or len(pose) != len(SHAPES):
+            raise self._wrong(f"answers with {type(pose).__name__}: expected a HandConfiguration or a TickAnswer")
+        arrays = {part: self._array(part, values, shape) for (part, shape), values in zip(SHAPES.items(), pose)}
+        length = float(norm(arrays["orientation"]))
+        if abs(length - 1.0) > UNIT:
+            raise self._wrong(f"answers with an orientation of length {length:.6g}: expected a unit quaternion w x y z")
+        arrays["orientation"] = arrays["orientation"] / length
+        native, work = answer.native_ns, answer.work
+        if not isinstance(native, Real) or not 0 <= native <= most:
+            expected = f"expected 0 to the {most:,} ns that the tick took"
+            raise self._wrong(f"answers with a native_ns of {native!r:.40}: {expected}")
+        if not isinstance(work, Integral) or not 0 <= work <= MOST_WORK:
+            raise self._wrong(f"answers with a work of {work!r:.40}: expected a whole number from 0 to {MOST_WORK:,}")
+        phalanx = palm = None
+        if self.forces:
+            if answer.phalanx_force is None:
+                raise self._wrong("promises forces (gives_forces) and gives none")
+            phalanx = self._array("phalanx_force", answer.phalanx_force, (5, 3, 3))
+            palm = np.zeros(3) if answer.palm_force is None else self._array("palm_force", answer.palm_force, (3,))
+        return TickAnswer(HandConfiguration(**arrays), phalanx, palm, int(native), int(work))
 
     def _tick(self, sample: HandConfiguration, i: int, record: "TickRecord") -> None:
         from hhsim.kernels.hand.pose import is_finite_configuration
@@ -203,7 +174,10 @@ class OutsideEngine:
                 self.haptic[name][:] = values
             self.haptic["orientation"] /= norm(self.haptic["orientation"])
         # Copies, so that nothing of ours is the method's to write to.
-        answer, wall, cpu = self.runner.tick(HandConfiguration(*(values.copy() for values in self.haptic.values())))
+        given = HandConfiguration(*(values.copy() for values in self.haptic.values()))
+        found, wall, cpu = self._call("fails", self.method.tick, given)
+        answer = self._checked(found, max(wall, cpu))
+        self.ticks += 1
         for name, values in answer.pose._asdict().items():
             self.pose[name][:] = values
         workspace = self.workspace

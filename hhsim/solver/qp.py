@@ -13,7 +13,7 @@ import ctypes
 import warnings
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -56,10 +56,8 @@ class QpStatus(StrEnum):
     OPTIMAL = "optimal"
     INACCURATE = "inaccurate"
     """Error of a backend that claims an optimum, though `QpProblem.kkt_residual` exceeds `RESIDUAL_LIMIT`."""
-    INFEASIBLE = "infeasible"
-    """No δ satisfies all rows; proven by Farkas' certificate whatever the backend said."""
     FAILED = "failed"
-    """Anything else; `QpSolution.message` has the backend's words."""
+    """No solution, or none found; `QpSolution.message` has the backend's words."""
 
 
 @dataclass(frozen=True)
@@ -119,9 +117,13 @@ class QpSolution:
 
     x: FloatArray  # δ, shape (n,) [m] and [rad]; the target where there is no solution
     multiplier: FloatArray  # λ >= 0 of each row, shape (m,); [N] for contact rows; zeros where there is no solution
-    status: QpStatus  # see `QpStatus`; compares equal to its string
-    backend: str
+    status: QpStatus = QpStatus.OPTIMAL  # compares equal to its string
     message: str = ""  # reason, empty for an optimum
+
+    @classmethod
+    def failed(cls, problem: QpProblem, message: str) -> Self:
+        """Return that there is no solution of a problem."""
+        return cls(problem.target.copy(), np.zeros(problem.rhs.size), QpStatus.FAILED, message)
 
 
 def available_backends() -> list[str]:
@@ -136,12 +138,16 @@ def solve(problem: QpProblem, backend: str = ACTIVE_SET) -> QpSolution:
     if backend != ACTIVE_SET and backend not in available_backends():
         raise UnknownNameError("QP backend", backend, available_backends())
     if not all(np.isfinite(array).all() for array in (problem.matrix, problem.rhs, problem.target)):
-        return _without_solution(problem, backend, QpStatus.FAILED, "the problem holds NaN or infinity")
+        return QpSolution.failed(problem, "the problem holds NaN or infinity")
     if problem.rhs.size == 0:
-        return QpSolution(problem.target.copy(), np.zeros(0), QpStatus.OPTIMAL, backend)
-    if backend == ACTIVE_SET:
-        return _checked(problem, solve_active_set(problem))
-    return _solve_by_qpsolvers(problem, backend)
+        return QpSolution(problem.target.copy(), np.zeros(0))
+    found = solve_active_set(problem) if backend == ACTIVE_SET else _solve_by_qpsolvers(problem, backend)
+    if found.status is not QpStatus.OPTIMAL:
+        return found
+    residual = problem.kkt_residual(found.x, found.multiplier)
+    if residual <= RESIDUAL_LIMIT:
+        return found
+    return replace(found, status=QpStatus.INACCURATE, message=f"KKT residual {residual:.1e}")
 
 
 def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
@@ -163,14 +169,13 @@ def solve_active_set(problem: QpProblem, relaxation: float = 0.0) -> QpSolution:
     guess = np.zeros(1, dtype=np.int64)
     target = np.pad(root * problem.target, (0, width - n))
     status = active_set.solve(width, rows, target, TOLERANCE, relaxation, guess, 0, work)
-    if status == active_set.INFEASIBLE:
-        return _without_solution(problem, ACTIVE_SET, QpStatus.INFEASIBLE, "the rows contradict each other")
-    if status != active_set.OPTIMAL:
-        return _without_solution(problem, ACTIVE_SET, QpStatus.FAILED, f"kernel status {status}")
+    if status != OPTIMAL:
+        contradict = "the rows contradict each other"
+        return QpSolution.failed(problem, contradict if status == INFEASIBLE else f"kernel status {status}")
     multiplier = np.zeros(m)
     count = work.counts[0]
     multiplier[work.active[:count]] = work.multiplier[:count]
-    return QpSolution(work.x[:n] / root, multiplier / norm, QpStatus.OPTIMAL, ACTIVE_SET)
+    return QpSolution(work.x[:n] / root, multiplier / norm)
 
 
 def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
@@ -191,31 +196,12 @@ def _solve_by_qpsolvers(problem: QpProblem, backend: str) -> QpSolution:
             solution = qpsolvers.solve_problem(scaled, backend, **BACKEND_OPTIONS.get(backend, {}))
         message = "; ".join(str(warning.message) for warning in caught)
     except Exception as error:  # whatever a foreign solver raises is its answer
-        return _refused(problem, backend, f"{type(error).__name__}: {error}")
+        return QpSolution.failed(problem, f"{type(error).__name__}: {error}")
     if not solution.found or solution.x is None or solution.z is None:
-        return _refused(problem, backend, message or "no solution found")
+        return QpSolution.failed(problem, message or "no solution found")
     x = (target + length * np.asarray(solution.x, dtype=np.float64)) / root
     multiplier = np.maximum(np.asarray(solution.z, dtype=np.float64), 0.0) * length / norm
-    return _checked(problem, QpSolution(x, multiplier, QpStatus.OPTIMAL, backend))
-
-
-def _checked(problem: QpProblem, solution: QpSolution) -> QpSolution:
-    if solution.status is not QpStatus.OPTIMAL:
-        return solution
-    residual = problem.kkt_residual(solution.x, solution.multiplier)
-    if residual <= RESIDUAL_LIMIT:
-        return solution
-    return replace(solution, status=QpStatus.INACCURATE, message=f"KKT residual {residual:.1e}")
-
-
-def _refused(problem: QpProblem, backend: str, message: str) -> QpSolution:
-    # Few backends tell infeasible from failed, and none the same way; a certificate settles it.
-    infeasible = solve_active_set(problem).status == QpStatus.INFEASIBLE
-    return _without_solution(problem, backend, QpStatus.INFEASIBLE if infeasible else QpStatus.FAILED, message)
-
-
-def _without_solution(problem: QpProblem, backend: str, status: QpStatus, message: str) -> QpSolution:
-    return QpSolution(problem.target.copy(), np.zeros(problem.rhs.size), status, backend, message)
+    return QpSolution(x, multiplier)
 
 
 MULTIPLIER_FLOOR = 1e-9
@@ -245,7 +231,7 @@ def _solve_with(backend: str, method: Any) -> bool:
     problem, loaded = world.problem, world.loaded
     dense, rows = dense_problem(method)
     solution = solve(dense, backend)
-    if solution.status not in (QpStatus.OPTIMAL, QpStatus.INACCURATE):
+    if solution.status is QpStatus.FAILED:
         return False
     problem.delta[:DOF] = solution.x
     pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]

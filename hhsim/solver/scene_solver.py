@@ -5,31 +5,35 @@ given in the world, and returned as the first free body sees them. `OneTick` is 
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from hhsim.arrays import Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.hand.self_pairs import cross_pairs
+from hhsim.kernels.contact.hand_pairs import hands_distance
+from hhsim.kernels.hand.pose import update_kinematics
+from hhsim.kernels.jit import as_argument
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result.schema import bodies_row
-from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
+from hhsim.scene.body import Body, Driven, HalfSpace
 from hhsim.scene.declared_bodies import joined_tree
 from hhsim.scene.overlap import raised
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import HandSolver, WarmUp, WorldSolver, require_jointed, warm_up
+from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, WarmUp, distances_of, shift_until, warm_up
 from hhsim.solver.method import find_method
-from hhsim.solver.options import SolverOptions
-from hhsim.solver.workspace import HAPTIC_SHAPES, tick_record, zeroed
-from hhsim.solver.world_engine import seen_ticks
+from hhsim.solver.options import PARTS, SolverOptions, require_options
+from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, tick_record, zeroed
+from hhsim.solver.world_engine import MOVING, WorldEngine, seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -47,9 +51,9 @@ class SeenScene:
         place: Pose of the object's frame, or of that of the bodies' file, at the first tick, (3,) and (4,), world.
         carrier: That pose at each tick, which the engine's frame goes along with; None if the frame is the world's.
         haptic: Hands at the ticks, in the frame.
-        free: The first free body as its engine takes it.
+        free: The first free body.
         parts: Several bodies with their poses, which those of free ones become when ticks have run.
-        others: Bodies beside a free one: as its engine takes them, True if fixed, with the body itself.
+        others: Bodies beside a free one, and the plane.
     """
 
     mesh: Mesh
@@ -57,32 +61,27 @@ class SeenScene:
     place: ObjectMotion
     carrier: ObjectMotion | None
     haptic: tuple[HandConfiguration, ...]
-    free: FreeObject | None
+    free: Body | None
     parts: MovingParts | None
-    others: tuple[tuple[FreeObject, bool, Body], ...] = ()
+    others: tuple[Body | HalfSpace, ...] = ()
+
+    @property
+    def beside(self) -> tuple[Body, ...]:
+        """Bodies beside a free one."""
+        return tuple(body for body in self.others if isinstance(body, Body))
 
     def surface(self, kind: str) -> ContactSurface:
         """Return what hands touch, but bodies beside a free one, as `spheres` or `mesh`."""
-        if self.parts is not None and not self.others:
+        if self.parts is not None and self.free is None:
             return self.parts.surface(kind)
         return contact_surface(kind, self.mesh, self.tree)
-
-    def bodies(self, kind: str) -> list[EngineBody]:
-        """Return the bodies beside a free one."""
-        driven = {} if self.parts is None else self.parts.driven
-        return [
-            EngineBody(
-                contact_surface(kind, body.placed_mesh, body.placed_tree), free, fixed, body.name, driven.get(body.name)
-            )
-            for free, fixed, body in self.others
-        ]
 
 
 def seen_scene(scene: Scene) -> SeenScene:
     """Return a scene as its engine sees it."""
     solids, first = list(scene.solids), scene.hands[0]
     given = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
-    moves = [body for body in solids if isinstance(body.motion, Free)]
+    moves = [body for body in solids if body.is_free]
     if moves:
         solids.sort(key=lambda body: body is not moves[0])
     body = solids[0]
@@ -90,13 +89,10 @@ def seen_scene(scene: Scene) -> SeenScene:
     if len(solids) > 1:
         place = ObjectMotion(first.trajectory.object_position, first.trajectory.object_orientation)
     if moves:
-        free = [_free_object(one, scene.plane) for one in solids]
-        if any(one.joint and one.joint.on == body.name for one in solids):
-            free[0] = replace(free[0], name=body.name)
-        others = tuple((own, isinstance(one.motion, Fixed), one) for own, one in zip(free[1:], solids[1:]))
+        planes = [body for body in scene.bodies if isinstance(body, HalfSpace)]
         mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
-        parts = _free_parts(scene, solids) if others else None
-        return SeenScene(mesh, tree, place, None, given, free[0], parts, others)
+        parts = _free_parts(scene, solids) if len(solids) > 1 else None
+        return SeenScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
         moved = None if carrier is None else along(carrier)
@@ -155,19 +151,6 @@ def _free_parts(scene: Scene, solids: Sequence[Body]) -> MovingParts:
     return MovingParts(scene.name, names, meshes, trees, room, {}, free=True, driven=driven)
 
 
-def _free_object(body: Body, plane: HalfSpace | None) -> FreeObject:
-    """Return a body as the engine of free ones takes it; of one that is not free friction alone counts."""
-    about: dict[str, Any] = {"friction": body.friction, "torsion": body.torsion}
-    if plane is not None:
-        about |= {"table": plane.height, "table_friction": plane.friction}
-    if not isinstance(body.motion, Free):
-        return FreeObject.of_mesh(body.placed_mesh, **about)
-    if (joint := body.joint) is not None:
-        limits = joint.limits and (joint.limits[0] - joint.value, joint.limits[1] - joint.value)
-        about["joint"] = structs.replace(joint, limits=limits, start=None)
-    return FreeObject(**vars(body.motion), **about)
-
-
 def standing_apart(scene: Scene, surface: str) -> Scene:
     """Return a scene in which no free body begins in the spheres of another one, if these are the surface."""
     if surface != "spheres" or len(scene.solids) < 2:
@@ -176,11 +159,168 @@ def standing_apart(scene: Scene, surface: str) -> Scene:
     return replace(scene, bodies=tuple(solids.get(body.name, body) for body in scene.bodies))
 
 
-class SceneSolver:
-    """Runs the ticks of a scene; the records of each block are as the engine's frame sees the hands.
+def keeps_hands_apart(options: SolverOptions) -> bool:
+    """Return whether two hands of these options, on an object that is not free, keep out of each other."""
+    return options.method in ("coupled", "progressive") and options.qp == "active-set"
 
-    `hands` are the solvers of each hand, which place it at the start, also where all have one program, which is
-    `world`'s. InputError for options that the scene does not go with.
+
+class WorldSolver:
+    """Keeps hands between ticks, and what moves freely with them.
+
+    Where something is free all move by one program. Else each hand's ticks are those that it has alone, but for those
+    in which two might have met: these are made by one program of both. Methods that promise no distance to the object,
+    and other QP solvers, keep no two hands apart.
+
+    Args:
+        hands: Solver of one hand, which has all that is free; or of the right and the left one, at one surface where it
+            is at first and with the same options: each places its hand at the start.
+        free: A free body beside two hands, whose surface is that of the hands.
+        others: Further bodies beside it, and the plane.
+
+    Raises:
+        InputError: Options that a free object does not go with.
+    """
+
+    def __init__(
+        self, hands: Sequence[HandSolver], free: Body | None = None, others: Sequence[Body | HalfSpace] = ()
+    ) -> None:
+        self.hands = tuple(hands)
+        self._spaces = tuple(hand.workspace for hand in hands)
+        self._has_free = free is not None
+        self.engine = hands[0].free
+        self._two: WorldEngine | None = None
+        if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
+            self._two = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
+        self._started = self._two is None
+
+    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
+        """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
+
+        With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
+        `object_ticks`.
+        """
+        given = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
+        record = tick_record(*given.position.shape[:2])
+        blocks, records = views_of_hands(given, record)
+        if not given.position.shape[1]:
+            return tuple(records)
+        begun = [0] * len(blocks) if self._started else self.begin(blocks)
+        if self._two is None:
+            status = self.tick(given, record)
+        else:
+            done = self._run_two(self._two, given, record)
+            status = int(np.bitwise_or.reduce(record.status[:, done - 1])) if done else 0
+        if status & STATUS_CAPACITY_EXCEEDED:
+            raise self._spaces[0].full()
+        for written, start in zip(records, begun):
+            written.status[:1] |= start
+        return tuple(records)
+
+    def _run_two(self, two: WorldEngine, haptic: HapticBlock, record: TickRecord) -> int:
+        if self._has_free:
+            return two.run_many(haptic, record)
+        kernel, arguments = self._call_apart(two, *views_of_hands(haptic, record))
+        with ExitStack() as stack:
+            for alone in self._alone:
+                stack.enter_context(alone.thread_team.at_work(alone.method))
+            return int(kernel(*arguments))
+
+    def _call_apart(
+        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
+    ) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of two hands beside each other, and its arguments."""
+        from hhsim.kernels.world.side_by_side import run_hands_apart
+
+        alone = tuple(engine.method for engine in self._alone)
+        return run_hands_apart, (alone, two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code)
+
+    @property
+    def object_ticks(self) -> ObjectRecord:
+        """Record of the free object in the last ticks."""
+        assert self.engine is not None
+        return self.engine.ticks
+
+    @property
+    def all_ticks(self) -> BodiesRecord | None:
+        """Record of all bodies beside a free one in the last ticks; None where there are none."""
+        return None if self.engine is None else self.engine.all_ticks
+
+    @property
+    def _alone(self) -> list[WorldEngine]:
+        """Engine of each hand alone."""
+        return [hand.world for hand in self.hands if hand.world is not None]
+
+    def tick_call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of begun ticks, None where Python takes part, and its arguments, which have these arrays.
+
+        Those of hands have the hand as the first axis; `bodies` is written where one is free.
+        """
+        given, written = views_of_hands(haptic, record)
+        if self._two is not None and not self._has_free:
+            return self._call_apart(self._two, given, written)
+        first, engine = self.hands[0], self.engine or self.hands[0].world
+        if first.method.compiled and engine is None and len(self.hands) == 1:
+            return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
+        engine = engine or WorldEngine(first.workspace)
+        compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
+        return engine.call(haptic, record, bodies, compiled)
+
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run ticks of each hand alone, and return their last status bits; arrays as for `tick_call`."""
+        status = 0
+        for hand, given, written in zip(self.hands, *views_of_hands(haptic, record), strict=True):
+            status |= hand.tick(given, written)
+        return status
+
+    def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
+        """Place both hands, apart where they begin in each other; return the status bits of each first tick.
+
+        The first tick does it if nobody has, and must be given the same input.
+        """
+        self._started, two = True, self._two
+        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
+        if two is None:
+            return begun
+        parted = _part(self._spaces)
+        if parted:
+            begun = [start | STATUS_START_INSIDE for start in begun]
+        # Beside one body alone each hand has come as near as it can.
+        if parted or (any(begun) and self._spaces[0].beside):
+            two.approach(START_LINEARISATIONS)
+        elif self._has_free:
+            two.begin()
+        two.world.is_near = parted
+        return begun
+
+
+def views_of_hands(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
+    """Return views for each hand of arrays that have the hand as the first axis."""
+    hands = range(len(haptic.position))
+    given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
+    return given, [TickRecord(*(values[h] for values in record)) for h in hands]
+
+
+def _part(spaces: Sequence[TickWorkspace]) -> bool:
+    """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
+    pairs, (one, other) = cross_pairs(), (space.hand for space in spaces)
+    first, second = (space.states[0].pose for space in spaces)
+
+    def distance() -> float:
+        update_kinematics(one, first)
+        update_kinematics(other, second)
+        return min(hands_distance(pairs, one, first, other, second), *(min(distances_of(space)) for space in spaces))
+
+    if distance() >= 0.0:
+        return False
+    away, clear = first.position - second.position, spaces[0].options.margin
+    shift_until([first.position, second.position], away, distance, clear)
+    return True
+
+
+class SceneSolver(WorldSolver):
+    """Runs the ticks of a scene, whose hands and their records are as the engine's frame sees them.
+
+    InputError for options that the scene does not go with.
     """
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
@@ -190,29 +330,22 @@ class SceneSolver:
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
         self.is_jointed = self.seen.parts is not None and free is None
         if self.is_jointed and not find_method(self.options.method).beside_parts:
-            require_jointed(self.options)
+            require_options(self.options, PARTS)
         alone = None if two else free
         self.prepared: tuple[WarmUp, ...] = tuple(
             warm_up(hand.model, self.options, alone, jointed=self.is_jointed) for hand in scene.hands
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
-        self.bodies = self.seen.bodies(kind)
-        self.hands = tuple(
-            HandSolver(hand.model, surface, self.options, alone, self.bodies)
+        hands = [
+            HandSolver(hand.model, surface, self.options, alone, self.seen.others)
             for hand, surface in zip(scene.hands, self.surfaces)
-        )
-        self.world = WorldSolver(self.hands, free, self.bodies)
-
-    def run(self, ticks: slice) -> tuple[TickRecord, ...]:
-        """Run the next ticks, which are these of the scene; return the record of each hand."""
-        return self.world.run(*(hand.at(ticks) for hand in self.seen.haptic))
+        ]
+        super().__init__(hands, free, self.seen.others)
 
 
-MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
-"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
 ROWS = ObjectRecord._fields[len(MOVING) + 1 :]
-"""Fields of its contacts."""
+"""Fields of the contacts of a `WorldRecord`."""
 
 
 class OneTick:
@@ -228,14 +361,14 @@ class OneTick:
     """
 
     def __init__(self, solver: SceneSolver) -> None:
-        self._world, self._begun = solver.world, False
-        hands, bodies = len(solver.hands), 0 if solver.seen.free is None else 1 + len(solver.bodies)
+        self._solver, self._begun = solver, False
+        hands, bodies = len(solver.hands), 0 if solver.seen.free is None else len(solver.scene.solids)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
         self.haptic.orientation[..., 0] = 1.0
-        self.record = TickRecord(*(np.zeros((hands, *values.shape), values.dtype) for values in tick_record(1)))
+        self.record = tick_record(hands, 1)
         self.row = zeroed(bodies_row(bodies))
         arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
-        self.kernel, self.arguments = solver.world.tick_call(self.haptic, self.record, _world_record(arrays))
+        self.kernel, self.arguments = solver.tick_call(self.haptic, self.record, _world_record(arrays))
 
     @property
     def address(self) -> int:
@@ -250,37 +383,35 @@ class OneTick:
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
         """Place the hands for their first tick, see `WorldSolver.begin`; without it `solve` does."""
         self._begun = True
-        return self._world.begin(haptic)
+        return self._solver.begin(haptic)
 
     def solve(self) -> None:
         """Solve a tick from Python; raises what the solver does."""
         if self.kernel is None:
-            self._world.tick(self.haptic, self.record)
+            self._solver.tick(self.haptic, self.record)
             return
         begun = []
         if not self._begun:
-            hands = range(len(self.haptic.position))
-            begun = self.begin([HapticBlock(*(values[h] for values in self.haptic)) for h in hands])
+            begun = self.begin(views_of_hands(self.haptic, self.record)[0])
         self._entry(*self.arguments)
         for h, start in enumerate(begun):
             self.record.status[h, 0] |= start
 
     def run(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         """Solve a tick for each configuration of the hands, and keep the bodies' as the solver's last ticks."""
-        count = len(haptic[0].position)
-        records, rows = tuple(tick_record(count) for _ in haptic), zeroed(self.row.dtype, count)
+        given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
+        count = given.position.shape[1]
+        record, rows = tick_record(len(haptic), count), zeroed(self.row.dtype, count)
         for i in range(count):
-            for h, hand in enumerate(haptic):
-                for values, given in zip(self.haptic, hand):
-                    values[h, 0] = given[i]
+            for values, of in zip(self.haptic, given):
+                values[:, 0] = of[:, i]
             self.solve()
-            for h, record in enumerate(records):
-                for written, found in zip(record, self.record):
-                    written[i] = found[h, 0]
+            for written, found in zip(record, self.record):
+                written[:, i] = found[:, 0]
             rows[i] = self.row[0]
-        if (engine := self._world.engine) is not None and len(self.row["turn"][0]):
+        if (engine := self._solver.engine) is not None and len(self.row["turn"][0]):
             engine.ticks, engine.all_ticks = bodies_ticks(rows)
-        return records
+        return tuple(views_of_hands(given, record)[1])
 
 
 def bodies_ticks(rows: Records) -> tuple[ObjectRecord, BodiesRecord | None]:

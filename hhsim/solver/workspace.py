@@ -24,7 +24,7 @@ from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord, run_block
+from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
 from hhsim.kernels.tick.evaluation import rebuild_candidates
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
@@ -138,10 +138,6 @@ class TickWorkspace:
         surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
 
-    def run_block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run one tick of a compiled method for each row of the haptic input; return the ticks done."""
-        return int(run_block(*self.block(method, haptic, record)))
-
     def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
         """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
         return TickBlock(method, self.hand, self.code, self.states, self.qp, haptic, record)
@@ -179,25 +175,28 @@ def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:
     return memory.view(np.recarray)
 
 
-def tick_record(ticks: int) -> TickRecord:
-    """Allocate the record of a block of ticks."""
-    zeros = np.zeros
+def tick_record(*ticks: int) -> TickRecord:
+    """Allocate the record of so many ticks; of several hands, of as many hands with so many ticks each."""
+
+    def zeros(*shape: int, kind: Any = np.float64) -> Any:
+        return np.zeros((*ticks, *shape), kind)
+
     return TickRecord(
-        status=zeros(ticks, np.int64),
-        position=zeros((ticks, 3)),
-        orientation=zeros((ticks, 4)),
-        flexion=zeros((ticks, 5, 3)),
-        abduction=zeros((ticks, 5)),
-        joints=zeros((ticks, 5, 4, 3)),
-        phalanx=zeros((ticks, 5, 3, 3)),
-        fingertip_normal=zeros((ticks, 5, 3)),
-        palm_wrench=zeros((ticks, 6)),
-        total=zeros((ticks, 3)),
-        duration=zeros((ticks, 4), np.int64),
-        duration_total=zeros(ticks, np.int64),
-        duration_cpu=zeros(ticks, np.int64),
-        work=zeros((ticks, WORK_COUNTERS), np.int64),
-        lag=zeros(ticks),
+        status=zeros(kind=np.int64),
+        position=zeros(3),
+        orientation=zeros(4),
+        flexion=zeros(5, 3),
+        abduction=zeros(5),
+        joints=zeros(5, 4, 3),
+        phalanx=zeros(5, 3, 3),
+        fingertip_normal=zeros(5, 3),
+        palm_wrench=zeros(6),
+        total=zeros(3),
+        duration=zeros(4, kind=np.int64),
+        duration_total=zeros(kind=np.int64),
+        duration_cpu=zeros(kind=np.int64),
+        work=zeros(WORK_COUNTERS, kind=np.int64),
+        lag=zeros(),
     )
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, FloatArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.hand.model import palm_arrays
 from hhsim.hand.self_pairs import cross_pairs, self_pairs
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import NO_PAIRS, HandPairs, PairsCode, add_bends, do_pairs
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, PALM_BODY, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, PALM_BODY, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
@@ -35,13 +35,14 @@ from hhsim.kernels.world.second_order import correct
 from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
 from hhsim.reproducible import across, matmul, principal_axes
-from hhsim.scene.body import Joint
-from hhsim.solver.free_object import EngineBody, FreeObject, require_free
-from hhsim.solver.options import UNLIMITED
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
+from hhsim.solver.options import FREE, UNLIMITED, require_options
 from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
-from hhsim.trees.contact_surface import ContactSurface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.hierarchy import build_hierarchy
 
+MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
+"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
 MOST_POINTS = 1024
 """Most corners or spheres by which a body meets another one: as many as a palm may have."""
 FLAT = 1e-9
@@ -51,8 +52,6 @@ NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
 NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
 BELOW = 1e-6
 """Largest depth [m] of an object in the table at the start: rounding."""
-STILL = 1.0, (0.0, 0.0, 0.0), ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Stand-in mass [kg], centre [m] and inertia [kg·m²] of the first body where no body is free; it stays fixed."""
 HEAVY = 1e6
 """Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
 
@@ -109,27 +108,27 @@ class WorldEngine:
     """Runs the ticks of one or two hands and of bodies, all in one program.
 
     `ticks` is the record of the first body in the last ticks; `all_ticks` that of all bodies, None if there is but one.
-    With None for `free` no body moves: the states of the pairs are then those of the hands' workspaces.
+    The surface of the hands is that of `free`, of which `others` are beside, and the plane. Without it no body moves:
+    the states of the pairs are then those of the hands' workspaces.
     """
 
     def __init__(
         self,
         workspace: TickWorkspace,
-        free: FreeObject | None,
+        free: Body | None = None,
         second: TickWorkspace | None = None,
-        others: Sequence[EngineBody] = (),
+        others: Sequence[Body | HalfSpace] = (),
     ) -> None:
         if free is not None:
-            require_free(workspace.options)
+            require_options(workspace.options, FREE)
         self.workspace = workspace
-        first = ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree)
-        still = EngineBody(first, FreeObject(*STILL, friction=0.0), fixed=True)
-        self.bodies = (still if free is None else EngineBody(first, free, name=free.name), *others)
+        self.bodies = () if free is None else (free, *(body for body in others if isinstance(body, Body)))
         self.hands = (workspace,) if second is None else (workspace, second)
-        surfaces = [body.surface.arrays for body in self.bodies]
+        made = [contact_surface(workspace.options.surface, b.placed_mesh, b.placed_tree) for b in self.bodies[1:]]
+        surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *made]
         for hand in self.hands:
-            hand.beside = tuple(surfaces[1:])
-        hands, bodies = len(self.hands), len(self.bodies)
+            hand.beside = tuple(surface.arrays for surface in made)
+        hands, bodies = len(self.hands), len(surfaces)
         if bodies > MOST_BODIES:
             raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
         pairs, self._world = self._find_pairs(), zeroed(world_dtype())
@@ -140,10 +139,10 @@ class WorldEngine:
         self._own: Any = None
         if free is not None or second is not None:
             self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
-        supports = [support_of(body.surface) if body.moves_freely else NO_SUPPORT for body in self.bodies]
+        supports = [support_of(of) if body.is_free else NO_SUPPORT for body, of in zip(self.bodies, surfaces)]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
-        if others:
-            placed = list(zip(surfaces, map(self._center, self.bodies)))
+        if made:
+            placed = [(of.arrays, self._center(body)) for body, of in zip(self.bodies, surfaces)]
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
         codes = [hand.code for hand in self.hands]
@@ -151,18 +150,17 @@ class WorldEngine:
             for h, hand in enumerate(self.hands):
                 hand.states = self.states[h : h + 2]
         else:
-            made = [surface_code(arrays, workspace.hand, workspace.state_dtype) for arrays in surfaces[1:]]
-            codes, self._written = [codes[0], *(code for _, code in made)], [written for written, _ in made]
+            coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
+            codes, self._written = [codes[0], *(code for _, code in coded)], [written for written, _ in coded]
         self._made_of = (
-            filled(supports, MOST_BODIES),
+            filled(supports or [NO_SUPPORT], MOST_BODIES),
             zeroed(EDGE_PAIRS, pairs),
             filled(movers, MOST_HANDS + MOST_BODIES),
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
         self.thread_team = ThreadTeam(workspace.options.threads if second is None else 1, self.qp)
-        self.ticks = object_record(0)
-        self.all_ticks: BodiesRecord | None = None
+        self.ticks, self.all_ticks = seen_ticks(whole_record(bodies, 0))
         self._called: Any = None
         self._ticks = 0
         self._name_pairs()
@@ -175,15 +173,19 @@ class WorldEngine:
         rows.bound[:] = rows.floor[:] = -np.inf
         rows.within[:] = np.inf, workspace.options.margin
         problem.inverse_root[:] = self.states[0].problem.inverse_root
+        for record in self.world.bodies[:bodies]:
+            record.period, record.orientation[0], record.moment[:] = workspace.options.period, 1.0, 1.0
+            record.axes[:] = record.rotation[:] = np.eye(3)
+        plane = next((body for body in others if isinstance(body, HalfSpace)), None)
         for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
-            self._place(body, support, record)
+            self._place(body, record, support, plane)
             bearer = self._bearer(body)
-            if bearer is not None:
+            if body.free_joint is not None and bearer is not None:
                 record.pair = self._pairs.index((0, k, bearer))
-                self._join_pair(body.free.joint, body.free, record)
+                self._join_pair(body.free_joint, body, record)
                 problem.slacks = SLACKS if record.joint_friction > 0.0 else problem.slacks
-            elif body.free.joint is not None and not body.fixed:
-                self._join(body.free, body.free.joint, record)
+            elif body.free_joint is not None:
+                self._join(body.free_joint, body, record)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = problem.column[k]
             step = record.period * np.concatenate([record.velocity, record.spin])
@@ -194,12 +196,12 @@ class WorldEngine:
         """Arguments of the ticks, with the machine code of what the scene has: it is compiled or loaded if need be."""
         workspace, world, states, options = self.workspace, self.world, self.states, self.workspace.tick_options
         options = options._replace(pairs=self._pairs_code())
-        if workspace.options.self_contact or self.bodies[0].fixed:
+        if workspace.options.self_contact or not self.bodies:
             options = options._replace(correcting=code_of(correct, options, states, world, self.qp))
         supports, edge_pairs, movers, codes, edges = self._made_of
         method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
         code: dict[str, Any] = {}
-        if not self.bodies[0].fixed:
+        if self.bodies:
             from hhsim.kernels.world.bodies import do_bodies, solve_with_bodies
             from hhsim.kernels.world.record import record_bodies
 
@@ -208,7 +210,7 @@ class WorldEngine:
             code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
         if len(self._pairs) > 1:
             code["pairs"] = code_of(write_other_pairs, method, states[0])
-        if len(self.hands) == 1 and self.bodies[0].fixed and workspace.options.method == "progressive":
+        if len(self.hands) == 1 and not self.bodies and workspace.options.method == "progressive":
             from hhsim.kernels.world.progressive import solve_progressive
 
             code["solving"] = code_of(solve_progressive, method, states[0], False, self.qp)
@@ -263,10 +265,9 @@ class WorldEngine:
         """Give each palm and each body that moves its columns; a fixed body has those behind all others."""
         problem = self.world.problem
         palms = [problem.palm[h : h + 1] for h in range(len(self.hands))]
-        moving = [problem.column[k : k + 1] for k, body in enumerate(self.bodies) if not body.fixed]
+        moving = [problem.column[k : k + 1] for k, body in enumerate(self.bodies) if body.motion != Fixed()]
         problem.column[:] = len(problem.delta) - OBJECT_DOF
-        begins_moving = not self.bodies[0].fixed
-        order = [palms[0], *moving[:begins_moving], *palms[1:], *moving[begins_moving:]]
+        order = [palms[0], *moving[:1], *palms[1:], *moving[1:]]
         for number, column in enumerate(order):
             column[0] = 6 * number
         problem.width = 6 * len(order)
@@ -291,72 +292,75 @@ class WorldEngine:
                 state.modelled[PALM_BODY] = self._may_meet(self.bodies[other], self.bodies[body])
 
     @staticmethod
-    def _may_meet(one: EngineBody, two: EngineBody) -> bool:
+    def _may_meet(one: Body, two: Body) -> bool:
         """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
         if one is two:
             return False
-        bears = ((a.free.joint.on if a.free.joint else "", b.name) for a, b in ((one, two), (two, one)))
-        joined = any(on != "" and on == name for on, name in bears)
-        return not joined and (one.moves_freely or two.moves_freely)
+        joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((one, two), (two, one)))
+        return not joined and (one.is_free or two.is_free)
 
-    def _bearer(self, body: EngineBody) -> int | None:
-        """Return the number of the free body that bears a body's joint; None for a fixed one, or the world."""
-        on = body.free.joint.on if body.free.joint and not body.fixed else ""
-        return next((k for k, one in enumerate(self.bodies) if on and one.name == on and not one.fixed), None)
+    def _bearer(self, body: Body) -> int | None:
+        """Return the number of the body that bears a body's joint; None for a fixed one, or the world."""
+        on = body.free_joint.on if body.free_joint else ""
+        return next((k for k, one in enumerate(self.bodies) if one.name == on and one.motion != Fixed()), None)
 
     def _driven(self, ticks: int) -> FloatArray:
         """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
-        poses = np.zeros((len(self.bodies), ticks, 7))
+        poses = self._still(ticks)
         for pose, body in zip(poses, self.bodies):
-            if body.motion is not None:
-                motion = body.motion.at(np.minimum(self._ticks + np.arange(ticks), len(body.motion.turn) - 1))
+            if isinstance(body.motion, Driven):
+                rows = np.minimum(self._ticks + np.arange(ticks), len(body.motion.poses.position) - 1)
+                motion = body.motion.poses.since(body.position, body.orientation).at(rows)
                 pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(body), (ticks, 1))), motion.turn
         self._ticks += ticks
         return poses
 
-    def _center(self, body: EngineBody) -> FloatArray:
-        """Return the point about which a body turns [m], world at the start, shape (3,)."""
-        return body.free.pivot if self._bearer(body) is None else np.array(body.free.center)
+    def _still(self, ticks: int) -> FloatArray:
+        return np.zeros((max(1, len(self.bodies)), ticks, 7))
 
-    def _place(self, body: EngineBody, support: Support, record: Any) -> None:
-        free, period, offset = body.free, self.workspace.options.period, self.workspace.options.offset
+    def _center(self, body: Body) -> FloatArray:
+        """Return the point about which a body turns [m], world at the start, shape (3,)."""
+        return body.pivot if self._bearer(body) is None else np.array(body.solid.center)
+
+    def _place(self, body: Body, record: Any, support: Support, plane: HalfSpace | None) -> None:
+        free, period = body.solid, self.workspace.options.period
         # Right-handed, or the gyroscopic term would have the other sign.
         moment, axes = principal_axes(free.inertia)
-        record.is_free, record.is_driven = not body.fixed, body.motion is not None
-        record.period = period
+        fixed, record.is_driven = body.motion == Fixed(), isinstance(body.motion, Driven)
+        record.is_free = not fixed
         record.center[:] = record.position[:] = self._center(body)
         record.axes[:] = axes.T
         record.moment[:] = moment
         # Damping at the end of the step weighs as mass: forces balance as they would without it.
-        damped = 0.0 if body.fixed else period / np.sqrt(1.0 + free.damping * period)
+        damped = 0.0 if fixed else period / np.sqrt(1.0 + free.damping * period)
         record.inverse_root[:3] = damped / np.sqrt(free.mass)
         record.inverse_root[3:] = damped / np.sqrt(moment)
         record.gravity[:] = free.gravity
         record.damping = free.damping
-        record.friction, record.torsion = free.friction, free.torsion
-        if body.motion is not None:
+        record.friction = record.table_friction = body.friction
+        record.torsion = body.torsion
+        if record.is_driven:
             record.inverse_root[:] = period / np.sqrt(HEAVY)
-        record.has_table = free.table is not None and body.moves_freely
-        record.table = 0.0 if free.table is None else free.table
-        record.table_friction = free.of_table
-        record.orientation[0] = 1.0
-        record.rotation[:] = np.eye(3)
         record.velocity[:] = free.velocity
         record.spin[:] = matmul(axes.T, free.angular_velocity)
-        if not record.has_table:
+        if plane is None:
             return
+        record.table_friction = body.friction if plane.friction is None else plane.friction
+        if not body.is_free:
+            return
+        record.has_table, record.table = True, plane.height
         lowest = float((support.point[:, 2] - support.radius).min()) - record.table
         if lowest < -BELOW:
             depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + record.table):.6g} mm or lower"
             raise InputError(f"the object begins {depth} the table: put the table at {height}")
-        record.position[2] += max(0.0, offset - lowest)
+        record.position[2] += max(0.0, self.workspace.options.offset - lowest)
 
     @staticmethod
-    def _join(free: FreeObject, joint: Joint, body: Any) -> None:
+    def _join(joint: Joint, of: Body, body: Any) -> None:
         """Restrict a body to the motion about or along the axis of its joint."""
-        axis = joint.direction
+        axis, free = joint.direction, of.solid
         body.axes[:] = _about(axis)
-        body.limits[:] = joint.limits or (-np.inf, np.inf)
+        body.limits[:] = of.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
         if joint.type == "slider":
             body.joint = SLIDER
@@ -365,7 +369,7 @@ class WorldEngine:
                 vector[:] = (axis * vector).sum() * axis
             return
         body.joint = HINGE
-        body.lever[:] = free.center - free.pivot
+        body.lever[:] = free.center - of.pivot
         moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
         body.moment[:] = moment
         body.inverse_root[:] = 0.0
@@ -375,12 +379,12 @@ class WorldEngine:
         body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 
     @staticmethod
-    def _join_pair(joint: Any, free: FreeObject, body: Any) -> None:
+    def _join_pair(joint: Joint, of: Body, body: Any) -> None:
         """Let a body and the free one that bears it move against each other about or along the axis alone."""
         body.pair_joint = HINGE if joint.type == "hinge" else SLIDER
-        body.joint_origin[:] = joint.origin if joint.type == "hinge" else free.center
+        body.joint_origin[:] = joint.origin if joint.type == "hinge" else of.solid.center
         body.joint_axes[:] = _about(joint.direction)
-        body.limits[:] = joint.limits or (-np.inf, np.inf)
+        body.limits[:] = of.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
 
     def begin(self) -> None:
@@ -394,26 +398,21 @@ class WorldEngine:
                 state.haptic[name][:] = plain.haptic[name]
             copy_values(np.array(plain.haptic.position), position)
             copy_values(np.array(plain.haptic.orientation), orientation)
-        workspace = self.workspace
         for body in world.bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
-        if not self._fits():
-            raise workspace.full()
+        if tick_world(self.method, self.states, self.qp, REBUILD) != 0:
+            raise self.workspace.full()
         problem = world.problem
         for state, body, other in zip(self.states, problem.body, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
-                one, two = (self.bodies[k].name or "the first body" for k in (other, body))
+                one, two = (self.bodies[k].name for k in (other, body))
                 raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected bodies beside each other")
 
     @cached_property
     def code(self) -> Any:
         """Machine code of a tick of all, see `kernels.machine_code`."""
         return code_of(tick_world, self.method, self.states, self.qp, 0)
-
-    def _fits(self) -> bool:
-        """Take all as it stands; return whether what is near fits into the arrays."""
-        return bool(tick_world(self.method, self.states, self.qp, REBUILD) == 0)
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
@@ -427,13 +426,12 @@ class WorldEngine:
             bodies[name] = 0
         problem.slacks = 0
         self.begin()
-        goals = [hand.states[0].haptic for hand in self.hands]
-        haptic = [HapticBlock(*(np.array(goal[name])[None] for name in HapticBlock._fields)) for goal in goals]
-        records = [tick_record(1) for _ in self.hands]
+        goals, record = [hand.states[0].haptic for hand in self.hands], tick_record(len(self.hands), 1)
+        haptic = HapticBlock(*(np.stack([goal[name] for goal in goals])[:, None] for name in HapticBlock._fields))
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
         method = self.method._replace(options=options, giving=0)
-        self._run(method, haptic, records, np.zeros((len(self.bodies), 1, 7)))
-        if records[0].status[0] & STATUS_CAPACITY_EXCEEDED:
+        self._run(method, haptic, record, self._still(1))
+        if record.status[0, 0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
             copy_configuration(state.pose, hand.states[0].pose)
@@ -442,47 +440,36 @@ class WorldEngine:
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         """See `Engine.run`."""
-        return self.run_many((haptic,), (record,))
+        written: Any = (values[None] for values in record)
+        return self.run_many(HapticBlock(*(values[None] for values in haptic)), TickRecord(*written))
 
-    def run_many(self, haptic: tuple[HapticBlock, ...], record: tuple[TickRecord, ...]) -> int:
-        """Run the ticks of all hands and bodies, whose program is one; return those done."""
-        done, own = self._run(self.method, haptic, record, self._driven(len(haptic[0].position)))
-        if not self.bodies[0].fixed:
+    def run_many(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run the ticks of all hands, which are the first axis, and bodies, whose program is one; return those done."""
+        done, own = self._run(self.method, haptic, record, self._driven(haptic.position.shape[1]))
+        if self.bodies:
             self.ticks, self.all_ticks = seen_ticks(own)
         return done
 
     def _run(
-        self, method: World, haptic: Sequence[HapticBlock], record: Sequence[TickRecord], driven: FloatArray
+        self, method: World, haptic: HapticBlock, record: TickRecord, driven: FloatArray
     ) -> tuple[int, WorldRecord]:
         """Run ticks by a method; return those done, and the record of the bodies."""
-        count = len(haptic[0].position)
-        moves = not self.bodies[0].fixed
-        own = whole_record(len(self.bodies), count if moves else 0)
-        given, written = HapticBlock(*map(_of_all, zip(*haptic))), TickRecord(*map(_of_all, zip(*record)))
+        own = whole_record(len(driven), haptic.position.shape[1] if self.bodies else 0)
         if self.thread_team.works:
             # Compiled before there are helpers, which would look on, each on a processor of its own.
-            none = HapticBlock(*(values[:, :0] for values in given))
-            run_many(method, self.states, self.qp, none, written, own, driven, self.code)
+            none = HapticBlock(*(values[:, :0] for values in haptic))
+            run_many(method, self.states, self.qp, none, record, own, driven, self.code)
         with self.thread_team.at_work(method):
-            done = int(run_many(method, self.states, self.qp, given, written, own, driven, self.code))
+            done = int(run_many(method, self.states, self.qp, haptic, record, own, driven, self.code))
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
-        if len(record) > 1:
-            for h, of_hand in enumerate(record):
-                for values, found in zip(of_hand, written):
-                    values[...] = found[h]
         return done, own
-
-    def seen_by(self, hand: int) -> ObjectRecord:
-        """Return the record of the object as that of the first or the second hand: its own bodies come first."""
-        body = self.ticks.body
-        return self.ticks if hand == 0 else self.ticks._replace(body=np.where(body < 0, body, body ^ BODY_COUNT))
 
     def call(
         self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord, compiled: bool = True
     ) -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of ticks beside which nothing is driven, None where Python solves, and its arguments."""
-        still, code = np.zeros((len(self.bodies), len(haptic.position[0]), 7)), self.code if compiled else 0
+        still, code = self._still(len(haptic.position[0])), self.code if compiled else 0
         arguments = self.method, self.states, self.qp, haptic, record, bodies, still, code
         return run_many if compiled else None, arguments
 
@@ -492,38 +479,19 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
     return (*values, *(values[-1] for _ in range(len(values), count)))
 
 
-def _of_all(values: Sequence[AnyArray]) -> AnyArray:
-    """Return arrays of hands in one with the hand first; that of one hand shares its memory."""
-    return values[0][None] if len(values) == 1 else np.stack(values)
-
-
 def whole_record(bodies: int, ticks: int) -> WorldRecord:
     """Allocate the record of all bodies in a block of ticks."""
-    record = world_record(bodies, ticks)
     # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-    rows = len(record.body)
-    return WorldRecord(record, np.zeros(rows, np.int64), np.zeros((rows, 3)), np.zeros((bodies, ticks, 6)))
-
-
-def world_record(bodies: int, ticks: int) -> ObjectRecord:
-    """Return the record of bodies in a block of ticks, with the body first where it is of motion or wrenches."""
-    first, moved = object_record(ticks), ObjectRecord._fields.index("contact")
-    moving = (np.zeros((bodies, *values.shape)) for values in first[:moved])
-    return ObjectRecord._make([*moving, *first[moved:]])
-
-
-def object_record(ticks: int) -> ObjectRecord:
-    """Allocate the record of the object in a block of ticks."""
     zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
-    return ObjectRecord(
-        turn=zeros((ticks, 4)),
-        shift=zeros((ticks, 3)),
-        velocity=zeros((ticks, 3)),
-        angular_velocity=zeros((ticks, 3)),
-        hand_wrench=zeros((ticks, 6)),
-        table_wrench=zeros((ticks, 6)),
-        table_distance=zeros(ticks),
-        friction_residual=zeros(ticks),
+    record = ObjectRecord(
+        turn=zeros((bodies, ticks, 4)),
+        shift=zeros((bodies, ticks, 3)),
+        velocity=zeros((bodies, ticks, 3)),
+        angular_velocity=zeros((bodies, ticks, 3)),
+        hand_wrench=zeros((bodies, ticks, 6)),
+        table_wrench=zeros((bodies, ticks, 6)),
+        table_distance=zeros((bodies, ticks)),
+        friction_residual=zeros((bodies, ticks)),
         contact=zeros(ticks + 1, np.int64),
         body=zeros(rows, np.int64),
         point=zeros((rows, 3)),
@@ -533,19 +501,15 @@ def object_record(ticks: int) -> ObjectRecord:
         torsional_moment=zeros(rows),
         slip=zeros(rows),
     )
+    return WorldRecord(record, zeros(rows, np.int64), zeros((rows, 3)), zeros((bodies, ticks, 6)))
 
 
 def seen_ticks(record: WorldRecord) -> tuple[ObjectRecord, BodiesRecord | None]:
-    """Return the record of the first body, and of all if there are several."""
-    every = of_each(record)
-    return (of_first(every), every) if len(every.bodies) > 1 else (every.bodies[0], None)
-
-
-def of_each(record: WorldRecord) -> BodiesRecord:
-    """Return the record of each body, as views."""
-    moved = ObjectRecord._fields.index("contact")
-    own, shared = record.bodies[:moved], record.bodies[moved:]
-    return BodiesRecord(tuple(ObjectRecord(*rows, *shared) for rows in zip(*own)), *record[1:])
+    """Return the record of the first body, and of each, as views, if there are several."""
+    own, shared = record.bodies[: len(MOVING)], record.bodies[len(MOVING) :]
+    bodies = tuple(ObjectRecord(*rows, *shared) for rows in zip(*own))
+    every = BodiesRecord(bodies, *record[1:])
+    return (of_first(every), every) if len(bodies) > 1 else (bodies[0], None)
 
 
 def of_first(record: BodiesRecord) -> ObjectRecord:

@@ -24,10 +24,9 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
-from hhsim.scene.body import Body, Free
+from hhsim.scene.body import Body, Fixed
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, add_inertial, hand_mjcf, joint_angles, numbers
 from hhsim.submissions.pose_file import Submission, format_poses
@@ -54,8 +53,8 @@ def scene_digest(scene: Scene) -> str:
         parts += [hand.flexion_min, hand.flexion_max, hand.abduction_min, hand.abduction_max]
         parts += [hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius, *haptic]
     digest = hashlib.sha256(f"{' '.join(hand.model.side for hand in scene.hands)} {scene.ticks.rate!r} ".encode())
-    if len(bodies) > 1 or bodies[0].free:
-        digest.update(json.dumps([body.to_json() for body in bodies]).encode())
+    if len(bodies) > 1 or bodies[0].body:
+        digest.update(json.dumps([body.to_json(scene) for body in bodies]).encode())
         parts += [part for body in bodies for part in (body.mesh.vertices, body.mesh.faces)]
         parts += recorded_poses(scene).values()
     for part in parts:
@@ -104,12 +103,17 @@ class SceneBody(NamedTuple):
     mesh: Mesh
     tree: SphereTree
     pose: FloatArray | None = None  # first position [m] and orientation of one that moves as recorded, (7,)
-    free: FreeObject | None = None  # physical properties of one of several bodies, some of them free
-    fixed: bool = True  # False for one that moves
+    body: Body | None = None  # of which physical properties count, where one is free
 
-    def to_json(self) -> dict[str, Any]:
+    @property
+    def fixed(self) -> bool:
+        """True for one that does not move."""
+        return self.body is None or self.body.motion == Fixed()
+
+    def to_json(self, scene: Scene) -> dict[str, Any]:
         """Return the name and the physical properties as plain values."""
-        return {**({} if self.free is None else self.free.to_json() | {"fixed": self.fixed}), "name": self.name}
+        own = {} if self.body is None else {**self.body.properties(scene.plane), "fixed": self.fixed}
+        return {**own, "name": self.name}
 
 
 def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
@@ -124,10 +128,10 @@ def scene_bodies(scene: Scene) -> list[SceneBody]:
     """Return the one body as the object, or several bodies."""
     seen, first = seen_scene(scene), {name: poses[0] for name, poses in recorded_poses(scene).items()}
     if (parts := seen.parts) is None:
-        return [SceneBody(OBJECT, seen.mesh, seen.tree, free=seen.free, fixed=seen.free is None)]
-    others = {body.name: (free, fixed) for free, fixed, body in seen.others}
+        return [SceneBody(OBJECT, seen.mesh, seen.tree, body=seen.free)]
+    bodies = {body.name: body for body in scene.solids} if seen.free else {}
     shapes = zip(parts.names, parts.meshes, parts.trees)
-    return [SceneBody(*shape, first.get(shape[0]), *others.get(shape[0], (seen.free, False))) for shape in shapes]
+    return [SceneBody(*shape, first.get(shape[0]), bodies.get(shape[0])) for shape in shapes]
 
 
 def hand_prefixes(scene: Scene) -> tuple[str, ...]:
@@ -137,9 +141,7 @@ def hand_prefixes(scene: Scene) -> tuple[str, ...]:
 
 def free_bodies(scene: Scene) -> dict[str, Body]:
     """Return the bodies whose poses a submission has, by the names of their meshes."""
-    return {
-        OBJECT if len(scene.solids) == 1 else body.name: body for body in scene.solids if isinstance(body.motion, Free)
-    }
+    return {OBJECT if len(scene.solids) == 1 else body.name: body for body in scene.solids if body.is_free}
 
 
 def scene_mjcf(scene: Scene) -> str:
@@ -163,11 +165,11 @@ def scene_mjcf(scene: Scene) -> str:
             raise InputError(f"'{body.name}' is a body or a joint of the hand, too; expected another name")
         # A shell has inertia even if the mesh is open.
         Xml.SubElement(assets, "mesh", name=body.name, file=f"{body.name}.obj", inertia="shell")
-    if first := bodies[0].free:
-        Xml.SubElement(model, "option", gravity=numbers(first.gravity), timestep=numbers(1.0 / scene.ticks.rate))
-        if first.table is not None:  # it stops bodies, not the hand
+    if first := bodies[0].body:
+        Xml.SubElement(model, "option", gravity=numbers(first.solid.gravity), timestep=numbers(1.0 / scene.ticks.rate))
+        if scene.plane is not None:  # it stops bodies, not the hand
             table = {"type": "plane", "size": "0 0 0.1", "contype": "0", "conaffinity": "2"}
-            Xml.SubElement(world, "geom", table, name="table plane", pos=numbers([0.0, 0.0, first.table]))
+            Xml.SubElement(world, "geom", table, name="table plane", pos=numbers([0.0, 0.0, scene.plane.height]))
     _add_bodies(world, bodies, contact)
     values = {"freejoint": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), "joint": (0.0,)}
     start += [value for joint in world.iter() for value in values.get(joint.tag, ())]
@@ -179,18 +181,19 @@ def scene_mjcf(scene: Scene) -> str:
 def _add_bodies(parent: Xml.Element, bodies: Sequence[SceneBody], contact: Xml.Element, bearer: str = "") -> None:
     """Add the bodies on a body, or in the world, and those on them."""
     for one in bodies:
-        free, joint, still = one.free, one.free.joint if one.free else None, one.fixed or one.pose is not None
+        joint, still = one.body and one.body.free_joint, one.fixed or one.pose is not None
         if (joint.on if joint else "") != bearer:
             continue
         body = Xml.SubElement(parent, "body", name=one.name)
         if one.pose is not None:
             body.attrib |= {"mocap": "true", "pos": numbers(one.pose[:3]), "quat": numbers(one.pose[3:])}
-        if free is not None:
-            add_inertial(body, (free.mass, np.array(free.center), np.array(free.inertia)))
-        if free is not None and joint is not None and joint.limits != (0.0, 0.0):  # MuJoCo takes no joint without range
+        if one.body is not None:
+            solid = one.body.solid
+            add_inertial(body, (solid.mass, np.array(solid.center), np.array(solid.inertia)))
+        if one.body and joint and one.body.limits != (0.0, 0.0):  # MuJoCo takes no joint without range
             said = {"axis": numbers(joint.direction), "frictionloss": numbers([joint.friction])}
             said |= {"type": "slide"} if joint.type == "slider" else {"type": "hinge", "pos": numbers(joint.origin)}
-            said |= {"range": numbers(joint.limits)} if joint.limits else {}
+            said |= {"range": numbers(one.body.limits)} if one.body.limits else {}
             Xml.SubElement(body, "joint", said, name=one.name)
         elif joint is None and not still:
             Xml.SubElement(body, "freejoint", name=one.name)
@@ -205,10 +208,10 @@ def _add_shape(body: Xml.Element, one: SceneBody) -> None:
     from scipy.spatial import ConvexHull
 
     touched = {"contype": "0", "conaffinity": "1"}
-    if one.free is not None:
-        friction, condim = numbers([one.free.friction, one.free.torsion, 0.0]), "4" if one.free.torsion else "3"
+    if one.body is not None:
+        friction, condim = numbers([one.body.friction, one.body.torsion, 0.0]), "4" if one.body.torsion else "3"
         touched = {"contype": "2", "conaffinity": "3", "priority": "1", "condim": condim, "friction": friction}
-    convex = (one.pose is not None or one.free is not None) and encloses(one.mesh)
+    convex = (one.pose is not None or one.body is not None) and encloses(one.mesh)
     convex = convex and bool(np.isclose(ConvexHull(one.mesh.vertices).volume, one.mesh.volume, rtol=1e-6))
     seen = touched if convex else {"contype": "0", "conaffinity": "0"}
     Xml.SubElement(body, "geom", seen, group="2", name=one.name, type="mesh", mesh=one.name)
@@ -251,7 +254,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
         "hand": scene_names(scene)["hand"],
         "phases": [phase._asdict() for phase in ticks.phases],
         "units": "m, rad, s, N; world right-handed, z up; quaternions w x y z",
-        **({} if parts is None else {"bodies": [body.to_json() for body in bodies]}),
+        **({} if parts is None else {"bodies": [body.to_json(scene) for body in bodies]}),
     }
     heading = ("x [m]", "y [m]", "z [m]", "radius [m]", *([] if parts is None else ["body"]))
     leaves = [np.column_stack([body.tree.leaf_center, body.tree.leaf_radius]).tolist() for body in bodies]

@@ -35,10 +35,10 @@ from hhsim.result.writer import add_document
 from hhsim.scene.body import Body, Driven
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
+from hhsim.solver.hand_solver import best_hands
 from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodHere, MethodScene, OutsideEngine, TickAnswer
-from hhsim.solver.reference_optimum import best_hands
+from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
 from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_hand, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
@@ -76,7 +76,7 @@ BODY_DEPTH = Figure("body_depth_max", "bodies in each other, max", 3, "mm")
 # Depth of the hand in the mesh; undefined if the mesh encloses nothing.
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
 # Distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
-# (`hhsim.solver.reference_optimum.best_hands`), the largest of each tick in contact.
+# (`hhsim.solver.hand_solver.best_hands`), the largest of each tick in contact.
 OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
 OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
@@ -445,18 +445,17 @@ class _SubmittedEngine(OutsideEngine):
         side = workspace.model.side
         submission = next(hand for hand in submission.hands if hand.hand in ("", side))
         made = partial(_SubmittedPoses, submission)
-        forces = submission.phalanx_force is not None
-        super().__init__(partial(MethodHere, name, made, forces), forces, workspace)
+        super().__init__(name, made, submission.phalanx_force is not None, workspace)
         self.duration = submission.duration
 
     def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
         surface = self.workspace.surface
         if isinstance(surface, JointedSurface):
-            put_parts(surface, surface.motion.path[self.runner.ticks])
+            put_parts(surface, surface.motion.path[self.ticks])
         super()._tick(sample, i, record)
 
     def run(self, haptic: HapticBlock, record: TickRecord) -> int:
-        first = self.runner.ticks
+        first = self.ticks
         done = super().run(haptic, record)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
         # The time of looking a pose up here is no time of the method.

@@ -135,7 +135,7 @@ def row_files(row: PlannedRepair) -> tuple[ReadFile, ...]:
     """Return the files that a row reads, as they are now; InputError if one cannot be read."""
     request = row.request
     shape = [Path(request.object)] if names_a_file(request.object) else []
-    given = [value for name, value in (*vars(request).items(), *request.options.items()) if name != "out"]
+    given = [value for name, value in (*vars(request).items(), *vars(request.read).items()) if name != "out"]
     return tuple(read for value in (*given, *shape) if isinstance(value, Path) for read in read_files(value))
 
 
@@ -143,6 +143,7 @@ def row_digest(row: PlannedRepair) -> str:
     """Return a digest of a row: the content of its files, its options, its name, and hhsim's sources."""
     request = row.request
     stated = {name: value for name, value in vars(request).items() if name != "out"}
+    stated["read"] = vars(request.read)
     stated["object"] = Path(request.object) if names_a_file(request.object) else request.object
     stated |= {"name": row.name, "file": request.out.name, "hhsim": [__version__, source_digest()]}
     text = json.dumps(stated, sort_keys=True, default=_content)

@@ -167,22 +167,24 @@ def _planned(where: str, row: ManifestRow, folder: Path, output: Path, pictures:
 
     file("recording")
     columns = file("columns")
-    stated = {key: getattr(row, key) for key in _OF_THE_READER}
-    stated |= {"profile": file("profile"), "columns": None if columns is None else read_column_map(columns)}
-    options = {key: value for key, value in stated.items() if value is not None}
+    read = ReadOptions(
+        hand=row.hand or "",
+        mano_model=file("mano_model"),
+        profile=file("profile"),
+        columns=None if columns is None else read_column_map(columns),
+        **{key: getattr(row, key) for key in _OF_THE_READER},
+    )
     request = RepairRequest(
         recording=recording,
         object=str(folder / row.object) if names_a_file(row.object) else row.object,
-        out=output / name / f"{recording.stem}{repaired_suffix(recording, ReadOptions(**options))}",
+        out=output / name / f"{recording.stem}{repaired_suffix(recording, read)}",
         object_poses=file("poses"),
-        mano_model=file("mano_model"),
-        hand=row.hand or "",
         unit=row.unit,
         size=None if row.size_mm is None else 1e-3 * row.size_mm,
         max_correction=1e-3 * row.max_correction_mm,
         palm=row.palm,
         pictures=pictures,
-        options=options,
+        read=read,
     )
     return PlannedRepair(name, request, row.time_limit)
 

@@ -7,7 +7,7 @@ keep its first two parts even where a path was not checked.
 
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from itertools import chain, count
@@ -72,16 +72,21 @@ def free_name(path: Path) -> Path:
     return next(one for one in chain([path], others) if not os.path.lexists(one))
 
 
-def check_output_path(path: Path, kind: str = "", is_of_kind: Callable[[Path], object] = lambda path: False) -> None:
+def check_output_path(
+    path: Path, kind: str = "", is_of_kind: Callable[[Path], object] = lambda path: False, suffixes: Sequence[str] = ()
+) -> None:
     """Raise OutputError unless `path` can be written by the rule: what is not there, or an ordinary file of a kind.
 
     An existing file is replaced where `is_of_kind` returns true for it; `kind` is its name for the message, such as
-    "result file". Without them nothing is replaced. OutputError too without a folder, or without permission.
+    "result file". Without them nothing is replaced. OutputError too for a suffix that is none of `suffixes`, if there
+    are any, without a folder, or without permission.
     """
     require_apart(path)
     folder = path.parent
     if path.is_dir():
         raise OutputError(f"{path} is a folder: name a file in it, such as {path / ('run' + (path.suffix or '.h5'))}")
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise OutputError(f"{path} is no name for a {kind}: it has to end in {' or '.join(suffixes)}")
     if path.exists() and not path.is_file():
         raise OutputError(f"{path} is no ordinary file: name one that can be written")
     if not folder.exists():

@@ -19,7 +19,7 @@ T = TypeVar("T")
 FORMAT = "hhsim-tree"
 SEVERAL = "hhsim-robot-trees"
 """Format of a file whose groups are such trees by name."""
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 _WORTH_PACKING = 1000
 """Number of values from which on a dataset is compressed."""
@@ -31,15 +31,16 @@ _DATASETS = {
     "parent": ("1", "index of the parent, -1 for the root"),
 }
 _COVER_DATASETS = {
-    "center": ("m", "sphere centres, frame of the mesh"),
-    "radius": ("m", "sphere radii"),
+    "center": ("m", "sphere centres, frame of the mesh; the last level's are the leaves"),
+    "radius": ("m", "sphere radii; the last level's are the leaves"),
     "depth": ("m", "how deep each centre lies inside the mesh, negative outside"),
     "proof": (
         "1",
         "proof that the spheres, grown by the gap, cover the mesh; a binary tree of triangles for each face, preorder: "
-        "j >= 0: its three corners lie in sphere j; -1 - k: it is halved at the middle m of the edge from its corner k "
-        "to the next; with the corners turned to make that ab, the halves are a m c, whole, then m b c",
+        "0: its three corners lie in the next sphere of `owner`; k > 0: it is halved at the middle m of the edge from "
+        "its k-th corner to the next; with the corners turned to make that ab, the halves are a m c, whole, then m b c",
     ),
+    "owner": ("1", "sphere of each triangle that the proof does not halve, in its order"),
 }
 _ERROR_NAMES = {
     "level": "level that the errors belong to",
@@ -81,8 +82,8 @@ def _write(tree: SphereTree, file: h5py.Group) -> None:
     for level, cover in enumerate(tree.covers):
         group = covers.create_group(str(level))
         group.attrs["gap"], group.attrs["bound"] = cover.gap, cover.bound
-        for name, (units, long_name) in _COVER_DATASETS.items():
-            _write_dataset(group, name, _narrow(getattr(cover, name)), units, long_name)
+        for name, data in _arrays(cover, is_last=cover is tree.covers[-1]).items():
+            _write_dataset(group, name, data, *_COVER_DATASETS[name])
     group = file.create_group("errors")
     for name, long_name in _ERROR_NAMES.items():
         kind = np.float64 if name in LENGTHS else np.int64
@@ -90,15 +91,30 @@ def _write(tree: SphereTree, file: h5py.Group) -> None:
         _write_dataset(group, name, values, "m" if name in LENGTHS else "1", long_name)
 
 
-def _narrow(data: AnyArray) -> AnyArray:
-    """Return a proof's codes, numbers of spheres of a level, in two bytes each where these hold them; else the data."""
-    fits = data.dtype.kind == "i" and data.size > 0 and np.abs(data).max() < np.iinfo(np.int16).max
-    return data.astype(np.int16) if fits else data
+def _arrays(cover: LevelCover, is_last: bool) -> dict[str, AnyArray]:
+    """Return the datasets of a cover: the spheres of the last level are the leaves, which the tree has."""
+    spheres = {} if is_last else {"center": cover.center, "radius": cover.radius}
+    owner = cover.proof[cover.proof >= 0]
+    halved = np.where(cover.proof < 0, -cover.proof, 0).astype(np.int8)
+    narrow = np.int16 if len(cover.radius) <= np.iinfo(np.int16).max else np.int32
+    return {**spheres, "depth": cover.depth, "proof": halved, "owner": owner.astype(narrow)}
+
+
+def _read_cover(group: h5py.Group, leaves: dict[str, AnyArray]) -> LevelCover:
+    halved, owner = group["proof"][()].astype(np.int32), group["owner"][()]
+    proof = -halved
+    ends = halved == 0
+    if len(owner) != np.count_nonzero(ends):
+        raise InputError(f"{group.name}: the proof needs {np.count_nonzero(ends):,} owners, and has {len(owner):,}")
+    proof[ends] = owner
+    spheres = leaves or {name: read_numbers(group[name]) for name in ("center", "radius")}
+    return LevelCover(**spheres, depth=read_numbers(group["depth"]), proof=proof, gap=float(group.attrs["gap"]))
 
 
 def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, long_name: str) -> None:
     # Bytes in turn help where the values are of one magnitude; the codes of a proof repeat as they are.
-    packing = {"compression": "gzip", "shuffle": data.dtype.kind == "f"} if data.size > _WORTH_PACKING else {}
+    whole = {"compression": "gzip", "chunks": data.shape, "shuffle": data.dtype.kind == "f"}
+    packing = whole if data.size > _WORTH_PACKING else {}
     put_dataset(group, name, data, units, long_name, **packing)
 
 
@@ -148,16 +164,17 @@ def _read(file: h5py.Group) -> SphereTree:
     covers = file["covers"]
     if set(covers) != {str(level) for level in range(len(covers))}:
         raise InputError(f"covers of the levels {', '.join(covers)}; expected one for each level from 0 on")
+    center, radius, level = read_numbers(file["center"]), read_numbers(file["radius"]), file["level"][()]
+    depth = level.max(initial=0)
+    first = int(np.searchsorted(level, depth))
+    leaves = {"center": center[first:], "radius": radius[first:]}
     return SphereTree(
-        center=read_numbers(file["center"]),
-        radius=read_numbers(file["radius"]),
-        level=file["level"][()],
+        center=center,
+        radius=radius,
+        level=level,
         parent=file["parent"][()],
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
         options=dict(json.loads(file.attrs["options"])),
-        covers=tuple(
-            LevelCover(**{name: read_numbers(data[name]) for name in _COVER_DATASETS}, gap=float(data.attrs["gap"]))
-            for data in (covers[str(level)] for level in range(len(covers)))
-        ),
+        covers=tuple(_read_cover(covers[str(at)], leaves if at == depth else {}) for at in range(len(covers))),
     )

@@ -10,7 +10,7 @@ from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
 INERTIAL = '<inertial><mass value="0.3"/><inertia ixx="2e-4" iyy="2e-4" izz="1e-4"/></inertial>'
 BLOCK = urdf(link("block", BOX.format("0.06 0.06 0.06") + INERTIAL), name="block")
 LID = BOX.format("0.06 0.06 0.01").replace("<geometry", '<origin xyz="0 0.03 0"/><geometry')

@@ -25,16 +25,16 @@ def test_the_page_has_a_section_for_every_command_and_links_that_lead_there() ->
     assert len(links) > 20 and set(links) <= anchors
 
 
-@pytest.mark.parametrize("path", COMMANDS)
-def test_the_examples_come_last_and_can_be_run(path: str) -> None:
-    text = inspect.cleandoc(COMMANDS[path].command.help or "")
-    # That of hhsim itself begins with what to start with, and ends with the exit codes.
-    block, heading = (1, "Start with:") if path == "hhsim" else (-1, "Examples:")
-    mark, title, *lines = text.split("\n\n")[block].splitlines()
-    assert (mark, title) == ("\b", heading)
-    assert lines[0].strip().startswith(path)
-    for line in lines:
-        parse(line.strip().split("  ")[0])
+def test_the_examples_come_last_and_can_be_run() -> None:
+    for path in COMMANDS:
+        text = inspect.cleandoc(COMMANDS[path].command.help or "")
+        # That of hhsim itself begins with what to start with, and ends with the exit codes.
+        block, heading = (1, "Start with:") if path == "hhsim" else (-1, "Examples:")
+        mark, title, *lines = text.split("\n\n")[block].splitlines()
+        assert (mark, title) == ("\b", heading)
+        assert lines[0].strip().startswith(path)
+        for line in lines:
+            parse(line.strip().split("  ")[0])
 
 
 def options_of(path: str) -> list[click.Option]:
@@ -45,27 +45,27 @@ def options_of(path: str) -> list[click.Option]:
     ]
 
 
-@pytest.mark.parametrize("path", COMMANDS)
-def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_is(path: str) -> None:
-    for option in options_of(path):
-        text, name = option.help or "", f"{path} {option.opts[0]}"
-        assert text.endswith("."), name
-        assert not re.search(r"`|\s\s|\[default", text), name
-        record = option.get_help_record(COMMANDS[path].context)
-        assert record is not None
-        # INTEGER RANGE, FLOAT or PATH say nothing of what the value means.
-        assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", record[0]), name
-        if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
-            assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
+def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_is() -> None:
+    for path in COMMANDS:
+        for option in options_of(path):
+            text, name = option.help or "", f"{path} {option.opts[0]}"
+            assert text.endswith("."), name
+            assert not re.search(r"`|\s\s|\[default", text), name
+            record = option.get_help_record(COMMANDS[path].context)
+            assert record is not None
+            # INTEGER RANGE, FLOAT or PATH say nothing of what the value means.
+            assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", record[0]), name
+            if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
+                assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
 
 
-@pytest.mark.parametrize("path", COMMANDS)
-def test_a_command_takes_few_arguments_and_many_options_stand_under_headings(path: str) -> None:
-    found = COMMANDS[path]
-    assert len(inspect.signature(found.command.callback).parameters) <= 10
-    sections = help_sections(found.command, found.context)
-    assert sum(map(len, sections.values())) == len(options_of(path)) + 1, "with --help, and no argument"
-    assert (len(sections) > 1) == (len(options_of(path)) > 15)
+def test_a_command_takes_few_arguments_and_many_options_stand_under_headings() -> None:
+    for path in COMMANDS:
+        found = COMMANDS[path]
+        assert len(inspect.signature(found.command.callback).parameters) <= 10
+        sections = help_sections(found.command, found.context)
+        assert sum(map(len, sections.values())) == len(options_of(path)) + 1, "with --help, and no argument"
+        assert (len(sections) > 1) == (len(options_of(path)) > 15)
 
 
 ALIKE = "--out --json --quiet --seed --unit --budget --fingers --samples"

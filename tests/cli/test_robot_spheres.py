@@ -10,7 +10,7 @@ from conftest import Run
 from linkage_samples import joint, link, urdf, write_box
 from robot_arms import write_arm
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
 
 
 @pytest.mark.quick("2")

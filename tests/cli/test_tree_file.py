@@ -12,6 +12,8 @@ from hhsim.result.reader import load_result
 from hhsim.trees.file import load_tree
 from hhsim.trees.foreign_tree import save_sph
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 @pytest.fixture
 def box(tmp_path: Path) -> Path:

@@ -116,6 +116,7 @@ def test_an_error_in_a_single_tick_is_caught(result: Path, dataset: str, value: 
 
 
 @pytest.mark.parametrize("dataset", ["lag", "penetration_palm", "force/total", "force/phalanx", "graphic/joints"])
+@pytest.mark.quick("lag", "graphic/joints")
 def test_a_dataset_that_holds_no_number_is_missed_and_is_no_base(result: Path, stored: Path, dataset: str) -> None:
     with changed(result) as file:
         file[f"hands/right/tick/{dataset}"][...] = math.nan

@@ -218,14 +218,6 @@ def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> No
 
 
 @pytest.mark.soak
-def test_another_motion_cannot_be_compared(head: Path, gate: Gate) -> None:
-    only(head, "recording")
-    write_recording(head / "recording.csv", 0.05)
-    answer = gate(head, "--quiet")
-    assert (answer.code, "different inputs: " in answer.err) == (3, True)
-
-
-@pytest.mark.soak
 def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
     project: Path, head: Path, tmp_path: Path, gate: Gate
 ) -> None:

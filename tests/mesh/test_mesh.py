@@ -20,6 +20,8 @@ from hhsim.mesh.mesh import Mesh, load_mesh, mass_properties, unit_length_of
 from hhsim.trees.contact_surface import encloses
 from tools.shapes.generators import cube, sphere
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 def save(path: Path, mesh: Mesh) -> Path:
     trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(path)

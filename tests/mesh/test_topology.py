@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.mesh.topology import distinct_rows, face_areas, hole_caps, in_fixed_order, is_closed
+from hhsim.mesh.topology import face_areas, hole_caps, in_fixed_order, is_closed
 from tools.shapes.generators import sphere
 from tools.shapes.surface_parts import band
 
@@ -25,17 +25,6 @@ def test_fixed_order_does_not_depend_on_the_order_before(seed: int) -> None:
     vertices, faces = in_fixed_order(BALL.vertices[vertex_order], faces[generator.permutation(len(faces))])
     np.testing.assert_array_equal(vertices, BALL.vertices)
     np.testing.assert_array_equal(faces, BALL.faces)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.integers(1, 4))
-@settings(max_examples=30)
-def test_equal_rows_are_those_that_numpy_finds(seed: int, count: int, width: int) -> None:
-    rows = np.random.default_rng(seed).integers(-2, 3, (count, width))
-    _, first, kind = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-    for table in (rows, rows.astype(np.float64)):
-        found = distinct_rows(table)
-        np.testing.assert_array_equal(found[0], first)
-        np.testing.assert_array_equal(found[1], kind.reshape(-1))
 
 
 def tube(outline: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -45,17 +45,6 @@ def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
     assert free.friction_share == pytest.approx([0.0] * 4 + [0.6, 1.0] + [0.0] * 4)
 
 
-def test_the_grip_is_what_the_hands_contacts_press_and_rub_whichever_way() -> None:
-    free = run(1.0)
-    free.contacts.update({  # type: ignore[attr-defined]
-        "normal": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]]),
-        "normal_force": np.array([9.0, 3.0, 2.0, 2.0]),
-        "friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0] * 3, [0.0] * 3]),
-    })  # fmt: skip
-    # The table's is none, and two contacts that oppose each other leave no total.
-    assert free.grip.tolist() == [0.0] * 4 + [5.0, 4.0] + [0.0] * 4
-
-
 def test_creep_is_the_slip_of_contacts_in_a_hold_and_no_swing() -> None:
     free = run(1.0)
     free.body.update({"hand_wrench": np.ones((TICKS, 6))})  # type: ignore[attr-defined]

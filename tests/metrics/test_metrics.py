@@ -127,12 +127,11 @@ class TestForceStep:
     def test_largest_change_while_moving_relative_to_the_hold(self) -> None:
         force = along(0, np.array([0.0, 1.0, 4.0, 4.0, 4.0, 40.0]))
         moving, hold = np.arange(6) < 3, np.isin(np.arange(6), (3, 4))
-        assert metrics.force_step(force, moving, hold) == pytest.approx(75.0)
-        assert metrics.force_step(force, moving, hold, grip=np.full(6, 12.0)) == pytest.approx(25.0)
+        assert metrics.force_step(force, moving, hold, np.full(6, 12.0)) == pytest.approx(25.0)
 
     def test_a_turning_force_steps_even_at_constant_size(self) -> None:
         force = np.array([[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 2.0, 0.0]])
-        step = metrics.force_step(force, np.arange(3) == 1, np.arange(3) == 2)
+        step = metrics.force_step(force, np.arange(3) == 1, np.arange(3) == 2, np.full(3, 2.0))
         assert step == pytest.approx(100.0 * np.sqrt(2.0))
 
     def test_empty_phases_and_no_hold_force_are_undefined(self) -> None:
@@ -140,8 +139,8 @@ class TestForceStep:
         first = np.array([True, False, False, False])
         undefined = [(force, none, whole), (force, whole, none), (0.0 * force, whole, whole), (force, first, whole)]
         for case in [*undefined, (force[:0], none[:0], none[:0])]:
-            assert np.isnan(metrics.force_step(*case))
-        assert metrics.force_step(force, whole, whole) == 0.0
+            assert np.isnan(metrics.force_step(*case, np.linalg.norm(case[0], axis=1)))
+        assert metrics.force_step(force, whole, whole, np.ones(4)) == 0.0
 
 
 class TestForceStepInContact:

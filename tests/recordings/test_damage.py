@@ -19,7 +19,7 @@ from leap_document import document, packed
 from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
 from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
-from recording_samples import read_as, smooth_recording
+from recording_samples import cleaned, read_as, smooth_recording
 from sampled import sampled
 
 from hhsim.arrays import AnyArray, FloatArray
@@ -82,7 +82,7 @@ def difference(before: Trajectory, after: Trajectory) -> FloatArray:
 def judge(before: CleanedRecording, come: Callable[[], Recording]) -> str:
     """Refused, told, same or silent."""
     try:
-        after = clean_recording(come())
+        after = cleaned(come())
     except HhsimError as error:
         assert "\n" not in str(error) and len(str(error)) < 400
         return "refused"

@@ -101,7 +101,7 @@ def test_a_finger_that_leaves_its_plane_does_not_flip() -> None:
     flexion[:, :, 0] += 0.4 * np.sin(np.linspace(0.0, 6.0, count))[:, None]
     joints = finger_joints(hand.base, hand.length, flexion, np.full((count, 5), 0.05), lean)
     joints = joints + np.random.default_rng(6).normal(0.0, 3e-4, joints.shape)
-    before = finger_angles(np.diff(joints, axis=2), "right")[1]
+    before = finger_angles(np.diff(joints, axis=2), finger_axes("right"))[1]
     found, aside = fitted_angles(joints, hand.base, hand.length, axes, "right")
     assert np.abs(np.diff(before, axis=0)).max() > 1.0
     assert np.abs(np.diff(aside, axis=0)).max() < LARGEST_STEP and np.abs(np.diff(found, axis=0)).max() < LARGEST_STEP

@@ -11,6 +11,7 @@ from repair_scenes import HAND, scene_case
 import hhsim
 from hhsim.errors import HhsimError, InputError
 from hhsim.mesh.catalogue import load_object
+from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.in_memory import RepairedMotion, repair
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import repair_recording
@@ -30,10 +31,8 @@ def test_arrays_are_repaired_as_the_file_that_holds_them(found: RepairedMotion, 
     path, out = tmp_path / "grasp.npz", tmp_path / "free.npz"
     upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(JOINTS), 1))
     np.savez(path, keypoints=JOINTS, object_pos=SHIFT, object_quat_wxyz=upright, fps=RATE)
-    options = {"usual_up": "z", "length_unit": "m"}
-    repair_recording(
-        RepairRequest(path, "sphere", out, hand="right", max_correction=LIMIT, options=options, pictures=False)
-    )
+    read = ReadOptions(hand="right", length_unit="m")
+    repair_recording(RepairRequest(path, "sphere", out, max_correction=LIMIT, read=read, pictures=False))
     np.testing.assert_allclose(found.joints, np.load(out)["keypoints"], atol=1e-12)
     of_file = repair(path, load_object("sphere").mesh, hand="right", max_correction=LIMIT, length_unit="m")
     np.testing.assert_array_equal(of_file.joints, found.joints)

@@ -52,7 +52,7 @@ TICKS = np.array([*range(0, 450, 50), 900, 1300, 1600, 1800, 1900, 2000, 2100, 2
 HINGE = np.array([0.0, 0.105, 0.007])
 DEPTH = 2e-6
 """Depth of the written hand [m] that rounding may leave."""
-OPTIONS = {"usual_up": "z", "length_unit": "m"}
+OPTIONS = ReadOptions(hand="right", length_unit="m")
 LAPTOP = (
     body("base", [0.3, 0.21, 0.014], position=[0.0, 0.0, -0.007], fixed=True),
     body(
@@ -136,9 +136,7 @@ def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, Repa
     folder = tmp_path_factory.mktemp("freed")
     path = folder / "hand.npz"
     path.write_bytes(arrays_npz(keypoints=model_joints(HAND, hand_at(0)), t=time_and_angles()[0]))
-    request = RepairRequest(
-        path, write_laptop(folder), folder / "free.npz", hand="right", max_correction=0.1, options=OPTIONS
-    )
+    request = RepairRequest(path, write_laptop(folder), folder / "free.npz", max_correction=0.1, read=OPTIONS)
     return request, repair_recording(request)
 
 

@@ -15,11 +15,19 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.recordings.registry import Correction, moved_joints
+from hhsim.recordings.registry import Correction
 from hhsim.repair.projection import FrameProgram, HandJudge, Projection, steady_step
 from hhsim.repair.repair import correct
 from hhsim.repair.tracks import repair_frames
-from hhsim.repair.written_hand import NUMBERS, WrittenHand, bone_frames, change_between, changed_hand, mean_acceleration
+from hhsim.repair.written_hand import (
+    NUMBERS,
+    WrittenHand,
+    bone_frames,
+    change_between,
+    changed_hand,
+    mean_acceleration,
+    moved_joints,
+)
 
 LEFT = HandModel.default("left")
 
@@ -110,8 +118,7 @@ def test_no_written_hand_penetrates(size: float) -> None:
     written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False).placed(found.correction.posture)
     np.testing.assert_allclose(written.joints.reshape(-1, 20, 3), found.correction.joints[:, 1:], atol=1e-9)
     assert case.referee_clearance_of(written.at(np.flatnonzero(changed)[::4])) >= 0.0
-    shift = found.correction.posture.position - case.frames.position
-    again = moved_joints(joints, case.frames.position, shift, found.correction.rotation)
+    again = moved_joints(joints, case.frames.position, found.correction.posture.position, found.correction.rotation)
     np.testing.assert_allclose(found.correction.joints, again, atol=1e-12)
     bones = [np.linalg.norm(np.diff(j[:, 1:].reshape(-1, 5, 4, 3), axis=2), axis=-1) for j in (joints, again)]
     np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)

@@ -39,7 +39,7 @@ RATE = 30.0
 UNCHANGED = 1e-5
 """Move of a joint in a frame that needs no repair [m]: smoothing may reach it."""
 MANY = 'version = 1\n[[recording]]\nrecording = "grasp.npz"\nobject = "sphere"\n'
-OPTIONS = {"usual_up": "z", "length_unit": "m"}
+OPTIONS = ReadOptions(hand="right", length_unit="m")
 
 
 @cache
@@ -59,7 +59,7 @@ def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, Repa
     """The repair of the recorded grasp."""
     folder = tmp_path_factory.mktemp("freed")
     path, out = recorded(folder), folder / "free.npz"
-    request = RepairRequest(path, "sphere", out, hand="right", max_correction=0.03, options=OPTIONS)
+    request = RepairRequest(path, "sphere", out, max_correction=0.03, read=OPTIONS)
     return request, repair_recording(request)
 
 
@@ -145,7 +145,7 @@ def test_angles_are_repaired_by_our_hand(tmp_path: Path) -> None:
     path, out = tmp_path / "angles.npz", tmp_path / "free.npz"
     given = dict(zip(("wrist_pos", "wrist_quat_wxyz", "flex", "abd"), frames, strict=True))
     path.write_bytes(arrays_npz(t=np.arange(frames.ticks) / RATE, **given))
-    outcome = repair_recording(RepairRequest(path, "sphere", out, hand="right", max_correction=0.03))
+    outcome = repair_recording(RepairRequest(path, "sphere", out, max_correction=0.03, read=ReadOptions(hand="right")))
     assert outcome.figures["depth_cones_max_before"] > 0.005 and outcome.figures["depth_cones_max_after"] == 0.0
     again = read_recording(out, ReadOptions(hand="right"))
     hand, mesh = HandModel.default(), load_object("sphere").mesh
@@ -159,7 +159,7 @@ def test_a_hand_far_from_the_object_and_an_unused_pose_are_the_first_lines_and_n
     joints = model_joints(*grasp()) + [0.4, 0.0, 0.0]
     path = tmp_path / "grasp.npz"
     path.write_bytes(arrays_npz(keypoints=joints, t=np.arange(len(joints)) / RATE, **{"mug/T": np.eye(4)}))
-    outcome = repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right", options=OPTIONS))
+    outcome = repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", read=OPTIONS))
     assert outcome.table is not None and not outcome.ok
     first, second, third = (row[-1] for row in outcome.table.cells[:3])
     assert "mug/T (4, 4)" in first and "never comes within 5 mm" in second and third == "21 joint centres"
@@ -199,7 +199,7 @@ def test_an_object_without_an_inside_is_told(tmp_path: Path) -> None:
     path, loose = recorded(tmp_path), tmp_path / "loose.stl"
     trimesh.Trimesh(np.random.default_rng(0).normal(0.0, 0.03, (60, 3)), np.arange(60).reshape(-1, 3)).export(loose)
     with pytest.raises(MeshError, match="open surface") as caught:
-        repair_recording(RepairRequest(path, str(loose), tmp_path / "free.npz", hand="right", options=OPTIONS))
+        repair_recording(RepairRequest(path, str(loose), tmp_path / "free.npz", read=OPTIONS))
     assert "\n" not in str(caught.value)
     assert {file.name for file in tmp_path.iterdir()} == {"grasp.npz", "loose.stl"}
 
@@ -226,7 +226,7 @@ def test_a_full_disk_leaves_nothing_and_names_the_file(tmp_path: Path, monkeypat
 
     monkeypatch.setattr("hhsim.repair.repair.replay_scene", full)
     with pytest.raises(OutputError) as caught:
-        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right", options=OPTIONS))
+        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", read=OPTIONS))
     assert str(caught.value) == f"cannot write {tmp_path / 'free-result.h5'}: No space left on device"
     assert not caught.value.__notes__ and list(tmp_path.iterdir()) == [path]
     # The recording was written by then.
@@ -240,7 +240,7 @@ def test_a_hand_that_is_turned_by_no_quaternion_is_none(tmp_path: Path) -> None:
     given["wrist_quat_wxyz"] = np.zeros((frames.ticks, 4))
     path.write_bytes(arrays_npz(t=np.arange(frames.ticks) / RATE, **given))
     with pytest.raises(TrajectoryError, match="0 of 12 samples have a whole hand and an object"):
-        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", hand="right"))
+        repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", read=ReadOptions(hand="right")))
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -257,7 +257,7 @@ def test_a_recording_pushed_into_the_object_comes_back_towards_the_known_hand(tm
     path, out = tmp_path / "pushed.npz", tmp_path / "free.npz"
     pushed = truth + shift[:, None]
     path.write_bytes(arrays_npz(keypoints=pushed, t=np.arange(len(truth)) / RATE))
-    outcome = repair_recording(RepairRequest(path, "sphere", out, hand="right", options=OPTIONS))
+    outcome = repair_recording(RepairRequest(path, "sphere", out, read=OPTIONS))
     assert outcome.figures["depth_cones_max_before"] > 0.002 and outcome.figures["depth_cones_max_after"] == 0.0
     with np.load(out) as after:
         off = [np.linalg.norm(joints - truth, axis=2).mean(axis=1) for joints in (pushed, after["keypoints"])]

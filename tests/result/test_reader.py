@@ -244,7 +244,7 @@ def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) ->
     ("name", "error", "says"),
     [
         ("notes.h5", OutputError, "exists and is no result file"),
-        ("run.txt", OutputError, r"run\.txt is no name for a result: it has to end in \.h5 or \.hdf5"),
+        ("run.txt", OutputError, r"run\.txt is no name for a result file: it has to end in \.h5 or \.hdf5"),
         ("", OutputError, "is a folder: name a file in it"),
         ("run.h5", ValueError, "invalid literal"),
     ],

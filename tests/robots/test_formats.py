@@ -17,6 +17,8 @@ from hhsim.robots.touching_pairs import touching_pairs
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 LINKS = [*SHAPES, "left", "right"]
 
 

@@ -6,25 +6,31 @@ import numpy as np
 import pytest
 from linkage_samples import joint, link, random_urdf, urdf
 from robot_arms import write_arm
-from robot_files import expected_tips, write_robot
+from scipy.spatial.transform import Rotation
 
 from hhsim.linkage.file import read_robot
 from hhsim.robots.touching_pairs import adjacent_links, drawn_poses, link_poses, touching_pairs
 
-
-def test_fingertips_are_where_the_closed_form_has_them_and_a_mimic_follows(tmp_path: Path) -> None:
-    robot = read_robot(write_robot(tmp_path / "hand.urdf", mimic=True))
-    angles = np.random.default_rng(0).uniform(-0.2, 1.6, 9)
-    names = [f"{finger}_{k}" for finger in ("thumb", "index", "little") for k in range(3)]
-    poses = link_poses(robot, {name: np.array([value]) for name, value in zip(names, angles)} | ends(robot), None)
-    followed = angles.reshape(3, 3).copy()
-    followed[:, 2] = 0.5 * followed[:, 1] + 0.1
-    tips = [poses[f"{finger}_tip"][1][0] for finger in ("thumb", "index", "little")]
-    np.testing.assert_allclose(tips, expected_tips(followed.ravel()), atol=1e-12)
+pytestmark = pytest.mark.usefixtures("read_here")
 
 
-def ends(robot: object) -> dict[str, np.ndarray]:
-    return {each.name: np.zeros(1) for each in robot.joints if each.type == "fixed"}  # type: ignore[attr-defined]
+def test_a_fingertip_is_where_the_closed_form_has_it_and_a_mimic_follows(tmp_path: Path) -> None:
+    path, first = tmp_path / "finger.urdf", Rotation.from_euler("xyz", (1.2, 0.3, -0.4))
+    follows = '<mimic joint="bend" multiplier="0.5" offset="0.1"/>'
+    knuckles = (
+        joint("palm", "a", name="spread", origin='xyz="0.01 0.03 0.08" rpy="1.2 0.3 -0.4"', axis="1 0 0"),
+        joint("a", "b", name="bend", origin='xyz="0 0 0.05"', axis="0 1 0"),
+        joint("b", "c", origin='xyz="0 0 0.03"', axis="0 1 0", more=follows),
+        joint("c", "tip", "fixed", name="end", origin='xyz="0 0 0.02"'),
+    )
+    path.write_text(urdf(*(link(name) for name in ("palm", "a", "b", "c", "tip")), *knuckles))
+    spread, bend = 0.7, 1.1
+    values = {"spread": np.array([spread]), "bend": np.array([bend]), "end": np.zeros(1)}
+    turn, tip = first * Rotation.from_euler("x", spread), np.array([0.01, 0.03, 0.08])
+    for angle, length in ((0.0, 0.05), (bend, 0.03), (0.5 * bend + 0.1, 0.02)):
+        turn = turn * Rotation.from_euler("y", angle)
+        tip = tip + turn.apply([0.0, 0.0, length])
+    np.testing.assert_allclose(link_poses(read_robot(path), values, None)["tip"][1][0], tip, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -9,8 +9,8 @@ from free_scenes import all_ticks, body_of, box, far_hand, solver_of
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.mesh import Mesh
-from hhsim.motion.trajectory import RigidMotion
-from hhsim.solver.free_object import EngineBody, FreeObject
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.scene.body import Body, Driven, Fixed
 
 DT, G = 1e-3, 9.81
 GAP = 2e-6
@@ -26,19 +26,16 @@ def turned(angle: FloatArray, axis: Any = (0.0, 1.0, 0.0)) -> RigidMotion:
     return RigidMotion(quaternion(angle[:, None] * np.array(axis)), np.zeros((len(angle), 3)))
 
 
-def play(
-    mesh: Mesh, free: FreeObject, driven: Mesh, motion: RigidMotion, *others: EngineBody, friction: float = 0.6
-) -> Any:
+def play(body: Body, driven: Mesh, motion: RigidMotion, *others: Body, friction: float = 0.6) -> Any:
     """Records of the hand, far away, and of a free body, a driven one, and others."""
-    one = FreeObject.of_mesh(driven, mass=1.0, friction=friction)
-    solver = solver_of(mesh, free, others=(body_of(driven, one, "driven", motion=motion), *others))
+    goes = Driven(ObjectMotion(motion.shift, motion.turn))
+    solver = solver_of(body, others=(body_of(driven, "driven", moves=goes, friction=friction), *others))
     return solver.run(*far_hand(len(motion.turn))), all_ticks(solver)
 
 
-def block(mass: float = 0.1, friction: float = 0.6, **given: Any) -> tuple[Mesh, FreeObject]:
+def block(mass: float = 0.1, friction: float = 0.6, **given: Any) -> Body:
     """A cube of 40 mm that stands 2 µm above z = 0."""
-    mesh = box((0.04, 0.04, 0.04), (0.0, 0.0, 0.02 + GAP))
-    return mesh, FreeObject.of_mesh(mesh, mass=mass, friction=friction, **given)
+    return body_of(box((0.04, 0.04, 0.04), (0.0, 0.0, 0.02 + GAP)), mass=mass, friction=friction, **given)
 
 
 PLATE = box((1.0, 0.2, 0.02), (0.0, 0.0, -0.01))
@@ -48,8 +45,7 @@ PLATE = box((1.0, 0.2, 0.02), (0.0, 0.0, -0.01))
 def test_a_block_rides_on_a_plate_unless_it_is_drawn_away_faster_than_friction_accelerates(share: float) -> None:
     ticks, mu = 400, 0.5
     speed = share * mu * G * DT * np.clip(np.arange(ticks) - 20, 0, None)
-    mesh, free = block(friction=mu)
-    record, found = play(mesh, free, PLATE, shifted(np.cumsum(speed * DT)), friction=mu)
+    record, found = play(block(friction=mu), PLATE, shifted(np.cumsum(speed * DT)), friction=mu)
     assert not record.status.any()
     rides, drives = found.bodies[:2]
     np.testing.assert_allclose(drives.shift[:, 0], np.cumsum(speed * DT), atol=1e-9)
@@ -64,8 +60,7 @@ def test_a_block_rides_on_a_plate_unless_it_is_drawn_away_faster_than_friction_a
 def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None:
     ticks, mu = 900, 0.4
     angle = 0.6 * np.arange(ticks) / ticks
-    mesh, free = block(friction=mu)
-    record, found = play(mesh, free, PLATE, turned(angle), friction=mu)
+    record, found = play(block(friction=mu), PLATE, turned(angle), friction=mu)
     assert not record.status.any()
     first, second = found.bodies[:2]
     back = RigidMotion(second.turn, second.shift).seen_points(
@@ -79,10 +74,9 @@ def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None
 def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not() -> None:
     ticks = 240
     way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
-    mesh, free = block()
     press = box((0.1, 0.1, 0.02), (0.0, 0.0, 0.04 + GAP + 0.0125))
-    anvil = body_of(PLATE, FreeObject.of_mesh(PLATE, mass=1.0), "anvil", fixed=True)
-    _, found = play(mesh, free, press, shifted(way, (0.0, 0.0, -1.0)), anvil)
+    anvil = body_of(PLATE, "anvil", moves=Fixed())
+    _, found = play(block(), press, shifted(way, (0.0, 0.0, -1.0)), anvil)
     block_z, press_z = found.bodies[0].shift[:, 2], found.bodies[1].shift[:, 2]
     top, bottom = 0.04 + GAP + block_z, 0.0425 + GAP + press_z
     assert (bottom - top).min() > 0.0 and block_z.min() > -GAP, "nothing is entered"

@@ -1,29 +1,27 @@
 """What a free object cannot be solved with, where it begins, and that it goes through nothing whatever is asked."""
 
-import json
-
 import numpy as np
 import pytest
-from free_scenes import box, far_hand, solver_of
+from free_scenes import body_of, box, far_hand, solver_of
 
 from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.bench.robustness.safety import recorded_penetration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import HalfSpace
 from hhsim.solver.options import Stiffness
 
 MESH = box((0.05, 0.05, 0.05))
 
 
 def test_an_object_on_the_table_begins_free_of_it() -> None:
-    solver = solver_of(MESH, FreeObject.of_mesh(MESH, table=-0.025))
+    solver = solver_of(body_of(MESH), table=-0.025)
     solver.run(*far_hand(3))
     assert (solver.object_ticks.table_distance > 0.0).all()
 
 
 def test_without_mass_in_the_way_it_falls() -> None:
-    solver = solver_of(MESH, FreeObject.of_mesh(MESH))
+    solver = solver_of(body_of(MESH))
     solver.run(*far_hand(100))
     assert solver.object_ticks.velocity[-1, 2] == pytest.approx(-9.81 * 0.1, rel=1e-9)
     assert solver.object_ticks.contact[-1] == 0
@@ -36,8 +34,7 @@ def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) 
     """Throw the hand about an object on a table, and look at every tick; how far the object gets [m]."""
     mesh = load_object(name).mesh
     lowest = float(mesh.bounds[0, 2])
-    free = FreeObject.of_mesh(mesh, mass=mass, friction=0.6, torsion=2e-3, table=lowest)
-    solver = solver_of(mesh, free, HAND, stiffness=stiffness)
+    solver = solver_of(body_of(mesh, mass=mass, torsion=2e-3), HAND, table=lowest, stiffness=stiffness)
     record = solver.run(*RandomTargets(HAND, seed).take(ticks))
     moved = solver.object_ticks
     rows = moved.contact[-1]
@@ -52,8 +49,8 @@ def test_a_hand_thrown_about_enters_nothing() -> None:
     assert harass("cube", 0.1, Stiffness(), 400, seed=1) > 1e-3
 
 
-def test_a_file_has_a_free_object_to_the_bit() -> None:
-    free = FreeObject.of_mesh(box((0.03, 0.04, 0.05)), density=700.0, friction=0.3, table=-0.02, torsion=1e-3)
-    assert FreeObject.from_json(json.loads(json.dumps(free.to_json()))) == free
-    assert free.mass == pytest.approx(700.0 * 0.03 * 0.04 * 0.05)
-    assert free.of_table == free.friction
+def test_a_file_has_the_properties_of_a_free_body_and_of_its_table() -> None:
+    body = body_of(box((0.03, 0.04, 0.05)), density=700.0, friction=0.3, torsion=1e-3)
+    properties = body.properties(HalfSpace("table", -0.02))
+    assert {**vars(body.motion), "friction": 0.3, "torsion": 1e-3, "table": -0.02, "table_friction": None} == properties
+    assert body.solid.mass == pytest.approx(700.0 * 0.03 * 0.04 * 0.05)

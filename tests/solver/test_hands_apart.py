@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import box
+from free_scenes import body_of, box
 from sampled import sampled
 from sphere_scenes import UNTIMED, bumpy_ball, record_clearance
 
@@ -18,16 +18,16 @@ from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STU
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.solver.free_object import FreeObject
-from hhsim.solver.hand_solver import HandSolver, WorldSolver
+from hhsim.scene.body import Body
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 HANDS = HandModel.default("right"), HandModel.default("left")
 AIR = contact_surface("mesh", box((0.01, 0.01, 0.01), (50.0, 50.0, 50.0)), None)
-ROUND = ((1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4))
-FREE = FreeObject(0.1, (50.0, 50.0, 50.0), ROUND, gravity=(0.0, 0.0, 0.0))
+FREE = body_of(box((0.05, 0.05, 0.05), (50.0, 50.0, 50.0)), gravity=(0.0, 0.0, 0.0))
 FLIP = np.array([-1.0, 1.0, 1.0])
 TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
 Pair = tuple[HandConfiguration, HandConfiguration]
@@ -38,12 +38,10 @@ def options_at(surface: Any, **options: Any) -> SolverOptions:
     return SolverOptions(surface=next(name for name, known in SURFACES.items() if known is kind), **options)
 
 
-def run(
-    motions: Pair, surface: Any = AIR, free: FreeObject | None = None, **options: Any
-) -> tuple[TickRecord, TickRecord]:
+def run(motions: Pair, surface: Any = AIR, free: Body | None = None, **options: Any) -> tuple[TickRecord, TickRecord]:
     """Run both hands, at a surface or at a free box; they are returned as that sees them."""
     if free is not None:
-        surface = contact_surface("mesh", box((0.05, 0.05, 0.05), free.center), None)
+        surface = contact_surface("mesh", free.mesh, None)
     solver = WorldSolver([HandSolver(hand, surface, options_at(surface, **options)) for hand in HANDS], free)
     records: list[list[TickRecord]] = [[], []]
     for first in range(0, len(motions[0].position), 100):
@@ -121,7 +119,7 @@ def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) 
 
 
 @pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
-def test_hands_that_begin_in_each_other_begin_beside(free: FreeObject | None) -> None:
+def test_hands_that_begin_in_each_other_begin_beside(free: Body | None) -> None:
     right = still([0.02, 0.0, 0.0]).hold(30)
     motions = right, mirrored(right)
     assert apart(motions).max() < -5e-3

@@ -4,14 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import far_hand, solver_of
+from free_scenes import body_of, far_hand, solver_of
 from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
-from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.body import Joint
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Body, Joint
 
 DT, G = 1e-3, 9.81
 ARM, MASS = 0.1, 0.3
@@ -23,11 +21,11 @@ WEIGHT = MASS * G * ARM
 """Moment of the level plate's weight about its hinge [N·m]."""
 
 
-def plate(**hinge: Any) -> tuple[Mesh, FreeObject]:
+def plate(**hinge: Any) -> Body:
     """A level plate from x = 0 to 0.2 m, on a hinge along -y through the origin: it opens upwards."""
     mesh = box_mesh(EDGES).transformed(np.eye(3), np.array([ARM, 0.0, 0.0]))
     axis = Joint(**{"type": "hinge", "axis": (0.0, -2.0, 0.0), "origin": (0.0, 0.3, 0.0), **hinge})
-    return mesh, FreeObject.of_mesh(mesh, mass=MASS, joint=axis, friction=0.5)
+    return body_of(mesh, mass=MASS, joint=axis, friction=0.5)
 
 
 def angles(turn: FloatArray) -> FloatArray:
@@ -50,7 +48,7 @@ def fallen(spin: float, angle: float) -> float:
 
 
 def swing(ticks: int, **hinge: Any) -> tuple[FloatArray, Any]:
-    solver = solver_of(*plate(**hinge))
+    solver = solver_of(plate(**hinge))
     solver.run(*far_hand(ticks))
     return angles(solver.object_ticks.turn), solver.object_ticks
 

@@ -8,30 +8,29 @@ from free_scenes import all_ticks, body_of, box, far_hand, solver_of
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.scene.body import Joint
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Body, Joint
 
 DT = 1e-3
 STILL: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0)}
 EDGES = (0.2, 0.1, 0.02)
 
 
-def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[FreeObject, FreeObject]]:
+def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[Body, Body]]:
     """The records of two plates without gravity that begin end to end, the first one on a joint of the second."""
     meshes = box(EDGES, (0.1, 0.0, 0.0)), box(EDGES, (-0.1, 0.0, 0.0))
-    first = FreeObject.of_mesh(meshes[0], mass=0.3, **STILL, **of_first)
-    second = FreeObject.of_mesh(meshes[1], mass=0.5, **STILL)
-    solver = solver_of(meshes[0], first, others=[body_of(meshes[1], second, "base")])
+    first = body_of(meshes[0], mass=0.3, **STILL, **of_first)
+    second = body_of(meshes[1], "base", mass=0.5, **STILL)
+    solver = solver_of(first, others=[second])
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
     return all_ticks(solver), (first, second)
 
 
-def conserved(record: Any, free: tuple[FreeObject, FreeObject]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def conserved(record: Any, bodies: tuple[Body, Body]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Momentum (T, 3), angular momentum about the origin (T, 3) and energy (T,) of both."""
     momentum, angular, energy = np.zeros(3), np.zeros(3), np.zeros(())
-    for ticks, one in zip(record.bodies, free):
-        turn = rotation_matrix(ticks.turn)
+    for ticks, body in zip(record.bodies, bodies):
+        one, turn = body.solid, rotation_matrix(ticks.turn)
         inertia = turn @ np.array(one.inertia) @ turn.transpose(0, 2, 1)
         spun = np.einsum("tij,tj->ti", inertia, ticks.angular_velocity)
         moved = one.mass * ticks.velocity
@@ -98,9 +97,9 @@ def test_dry_friction_slows_two_things_until_they_go_on_as_one(kind: str) -> Non
         np.testing.assert_allclose(about, -size, rtol=2e-3)
 
 
-def hinge_from_center(ticks: Any, free: FreeObject) -> FloatArray:
+def hinge_from_center(ticks: Any, body: Body) -> FloatArray:
     """Origin of a body's frame from its centre at the ticks [m], world, shape (T, 3)."""
-    return np.asarray(-1.0 * rotation_matrix(ticks.turn) @ np.array(free.center))
+    return np.asarray(-1.0 * rotation_matrix(ticks.turn) @ np.array(body.solid.center))
 
 
 def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> None:
@@ -109,7 +108,7 @@ def test_what_moves_on_a_slider_keeps_momenta_and_turns_with_what_bears_it() -> 
     turn, shift = beside(record)
     assert np.abs(turn - np.eye(3)).max() < 1e-6
     # Of the first body's centre, which began on the axis.
-    off = np.einsum("tij,j->ti", turn - np.eye(3), np.array(free[0].center)) + shift
+    off = np.einsum("tij,j->ti", turn - np.eye(3), np.array(free[0].solid.center)) + shift
     assert np.abs(off[:, 1:]).max() < 1e-6 and off[:, 0].max() == pytest.approx(0.06, abs=1e-6)
     momentum, angular, energy = conserved(record, free)
     np.testing.assert_allclose(momentum, momentum[:1].repeat(600, axis=0), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The seam of methods: what is registered and can be named, and that one new file is a method everywhere."""
+"""The seam of methods: what is registered and can be named, and that one more entry is a method everywhere."""
 
 import importlib
 import sys
@@ -10,45 +10,42 @@ import numpy as np
 import pytest
 from conftest import Run
 
-import hhsim.solver.methods
 from hhsim.errors import InputError, UnknownNameError
-from hhsim.solver.method import EVERYTHING, METHODS, USUAL, find_method, method_names, methods_that, never_penetrates
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.solver.method import (
+    EVERYTHING,
+    METHODS,
+    OWN,
+    USUAL,
+    Method,
+    find_method,
+    method_names,
+    methods_that,
+    never_penetrates,
+)
 from hhsim.solver.options import SolverOptions
-
-FOLLOW = '''
-"""`follow`: the graphic hand is the user's, wherever that is; what a method without contact comes to."""
-
-import numpy as np
-
-from hhsim.solver.method import Method
+from hhsim.solver.workspace import TickWorkspace
 
 
 class FollowEngine:
-    def __init__(self, workspace):
+    """The graphic hand is the user's, wherever that is: what a method without contact comes to."""
+
+    def __init__(self, workspace: TickWorkspace) -> None:
         self.workspace = workspace
 
-    def begin(self):
-        pass
+    def begin(self) -> None: ...
 
-    def run(self, haptic, record):
+    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
         for name in haptic._fields:
             getattr(record, name)[:] = getattr(haptic, name)
         record.joints[:] = [self.workspace.model.joints(*sample) for sample in zip(*haptic)]
         return len(haptic.position)
 
 
-METHOD = Method(summary="the user's hand, through everything", engine=FollowEngine)
-'''
-
-
 @pytest.fixture
-def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """One more file in the package of methods."""
-    folder = tmp_path / "methods"
-    folder.mkdir()
-    (folder / "follow.py").write_text(FOLLOW)
-    monkeypatch.setattr(hhsim.solver.methods, "__path__", [*hhsim.solver.methods.__path__, str(folder)])
-    importlib.invalidate_caches()
+def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """One more of our own methods."""
+    monkeypatch.setitem(OWN, "follow", Method(summary="the user's hand, through everything", engine=FollowEngine))
     for package, name in (
         ("hhsim.cli.arguments", "scene_options"),
         ("hhsim.cli", "replay"),
@@ -56,7 +53,7 @@ def follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.delitem(sys.modules, f"{package}.{name}", raising=False)
         monkeypatch.delattr(importlib.import_module(package), name, raising=False)
     yield
-    for module in ("hhsim.cli.arguments.scene_options", "hhsim.cli.replay", "hhsim.solver.methods.follow"):
+    for module in ("hhsim.cli.arguments.scene_options", "hhsim.cli.replay"):
         sys.modules.pop(module, None)
 
 
@@ -71,7 +68,7 @@ def test_what_each_method_promises() -> None:
         assert SolverOptions(method=name).margin == method.defaults["margin"]
 
 
-def test_a_method_is_added_by_one_file(follow: None, run: Run, tmp_path: Path) -> None:
+def test_a_method_is_added_by_one_entry(follow: None, run: Run, tmp_path: Path) -> None:
     answer = run("replay", "cube", "touch", "--method", "follow", "--out", str(tmp_path / "follow.h5"))
     assert answer.code == 0, answer.err
     assert answer.out.startswith("cube, touch, follow")

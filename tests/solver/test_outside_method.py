@@ -12,7 +12,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import STATUS_START_INSIDE, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodHere, OutsideEngine
+from hhsim.solver.outside_method import OutsideEngine
 from hhsim.trees.contact_surface import contact_surface
 
 SCENE = short_scene(short_grasp())
@@ -39,8 +39,7 @@ def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
     solver.run(*HAPTIC.part(0, 1))
     engine = solver.engine
     assert isinstance(engine, OutsideEngine)
-    assert isinstance(engine.runner, MethodHere)
-    method: Any = engine.runner.method
+    method: Any = engine.method
     scene = method.scene
     assert scene.period == 1e-3
     for theirs, ours in (
@@ -81,7 +80,7 @@ def test_a_hand_that_begins_inside_begins_at_a_free_place() -> None:
     solver = solver_of("Follow")
     record = solver.run(*inside)
     assert record.status[0] & STATUS_START_INSIDE
-    begun: list[HandConfiguration] = solver.engine.runner.method.begun  # type: ignore[attr-defined]
+    begun: list[HandConfiguration] = solver.engine.method.begun  # type: ignore[attr-defined]
     assert np.linalg.norm(begun[-1].position - inside.position[0]) > 0.01
 
 

@@ -11,8 +11,7 @@ from sphere_scenes import sphere_tree
 from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import still
-from hhsim.scene.body import Joint
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Free, Joint
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, solve
@@ -31,11 +30,11 @@ def options(**given: Any) -> Callable[[], Any]:
 def free(**given: Any) -> Callable[[], Any]:
     """A free body with these fields in place of sound ones."""
     sound: dict[str, Any] = {"mass": 0.1, "center": ORIGIN, "inertia": 1e-4 * np.eye(3)}
-    return lambda: FreeObject(**{**sound, **given})
+    return lambda: Free(**{**sound, **given})
 
 
-def beside(body: FreeObject, **given: Any) -> Callable[[], Any]:
-    return lambda: solver_of(MESH, body, **given).run(*far_hand(1))
+def beside(**given: Any) -> Callable[[], Any]:
+    return lambda: solver_of(body_of(MESH), **given).run(*far_hand(1))
 
 
 def problem(**given: Any) -> Callable[[], Any]:
@@ -57,15 +56,15 @@ def jointed(second: Any, **given: Any) -> HandSolver:
 
 
 def hinge(**given: Any) -> Callable[[], Any]:
-    return lambda: free(joint=Joint(**{"type": "hinge", "axis": ALONG, **given}))()
+    return lambda: body_of(MESH, joint=Joint(**{"type": "hinge", "axis": ALONG, **given}))
 
 
 def slider(**given: Any) -> Callable[[], Any]:
-    return lambda: free(joint=Joint(**{"type": "slider", "axis": ALONG, **given}))()
+    return lambda: body_of(MESH, joint=Joint(**{"type": "slider", "axis": ALONG, **given}))
 
 
-ON_AIR, THROUGH = FreeObject.of_mesh(MESH), "lets fingers through each other and the palm: coupled has"
-INTO_IT = body_of(box((0.05, 0.05, 0.05), (0.01, 0.005, 0.0496)), ON_AIR, "b")
+THROUGH = "lets fingers through each other and the palm: coupled has"
+INTO_IT = body_of(box((0.05, 0.05, 0.05), (0.01, 0.005, 0.0496)), "b")
 AIR = sphere_tree(np.zeros((1, 3)), np.ones(1))
 FAULTS: dict[str, tuple[Callable[[], Any], str]] = {
     "method": (options(method="couple"), "did you mean coupled"),
@@ -81,18 +80,17 @@ FAULTS: dict[str, tuple[Callable[[], Any], str]] = {
     "paper, mesh": (options(method="paper", surface="mesh"), "not mesh: .*between frustums and spheres"),
     "penalty, mesh": (options(method="penalty", surface="mesh"), "not mesh: .*triangles have no depth"),
     **{f"own {m}": (options(method=m, self_contact=True), THROUGH) for m in ("progressive", "paper", "penalty")},
-    "free, progressive": (beside(ON_AIR, method="progressive"), "progressive has no free objects: coupled has"),
-    "free, clarabel": (beside(ON_AIR, qp="clarabel"), "own QP solver, not clarabel"),
-    "free, paper's forces": (beside(ON_AIR, force="paper"), "use the force model kkt"),
-    "in the table": (beside(FreeObject.of_mesh(MESH, table=-0.024)), "begins 1 mm below the table"),
-    "in another": (beside(ON_AIR, others=[INTO_IT]), "begins .* mm inside"),
+    "free, progressive": (beside(method="progressive"), "method progressive has no free objects: expected coupled"),
+    "free, clarabel": (beside(qp="clarabel"), "qp clarabel has no free objects: expected active-set"),
+    "free, paper's forces": (beside(force="paper"), "force paper has no free objects: expected kkt"),
+    "in the table": (beside(table=-0.024), "begins 1 mm below the table"),
+    "in another": (beside(others=[INTO_IT]), "begins .* mm inside"),
     "mass": (free(mass=0.0), "mass is 0 kg"),
-    "friction": (free(friction=-0.1), "friction is -0.1"),
-    "table": (free(table=float("nan")), "table is nan m: expected -100 to 100"),
+    "friction": (lambda: body_of(MESH, friction=-0.1), "friction is -0.1"),
+    "table": (beside(table=float("nan")), "table is nan m: expected -100 to 100"),
     "centre": (free(center=(0.0, float("inf"), 0.0)), "centre or the inertia .* not finite"),
     "inertia": (free(inertia=((1e-4, 1e-5, 0), (0, 1e-4, 0), (0, 0, 1e-4))), "not symmetric"),
     "flat inertia": (free(inertia=np.diag([1e-4, 1e-4, 0.0])), "not positive"),
-    "no centre": (lambda: FreeObject.from_json({"mass": 1.0}), "free object: center is missing"),
     "hinge's axis": (hinge(axis=ORIGIN), "the axis of the hinge has length 0"),
     "hinge's start": (hinge(limits=(0.5, 1.0)), "start has the value 0, beyond the limits; expected 0.5 to 1 rad"),
     "hinge's limits": (hinge(limits=(-4.0, 1.0)), "within ±π"),
@@ -100,7 +98,6 @@ FAULTS: dict[str, tuple[Callable[[], Any], str]] = {
     "slider's axis": (slider(axis=ORIGIN), "the axis of the slider has length 0"),
     "slider's start": (slider(limits=(0.5, 1.0)), "start has the value 0, beyond the limits; expected 0.5 to 1 m"),
     "slider's friction": (slider(friction=-1.0), "slider_friction is -1 N"),
-    "two joints": (lambda: FreeObject.from_json({"hinge": {}, "slider": {}}), "has a hinge and a slider; expected one"),
     "threads of parts": (
         lambda: jointed(contact_surface("mesh", MESH, None).arrays, method="progressive", threads=2),
         "threads 2 has no bodies of several parts: expected 1",

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from free_scenes import box, solver_of
+from free_scenes import body_of, box, solver_of
 from sampled import sampled
 from sphere_scenes import BALL_RADIUS, CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
 
@@ -18,7 +18,6 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import random_targets, still
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.contact_surface import contact_surface
@@ -112,7 +111,7 @@ def test_a_hand_that_begins_in_itself_begins_beside() -> None:
 
 
 def beside_free(far: Mesh) -> HandSolver:
-    return solver_of(far, FreeObject.of_mesh(far, gravity=(0.0, 0.0, 0.0)), self_contact=True)
+    return solver_of(body_of(far, gravity=(0.0, 0.0, 0.0)), self_contact=True)
 
 
 @pytest.mark.parametrize("moves", [False, True], ids=["fixed", "free"])

@@ -11,29 +11,26 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Body, Fixed
 from hhsim.solver.hand_solver import HandSolver
 
 DT, G = 1e-3, 9.81
-NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "table": None, "friction": 0.0}
-Body = tuple[Mesh, FreeObject]
+NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "friction": 0.0}
 
 
-def block(center: ArrayLike, edges: Any = (0.04, 0.04, 0.04), tilt: float = 0.0, **free: Any) -> Body:
-    """A box at a place, turned about y, on a table at z = 0 unless said otherwise."""
+def block(center: ArrayLike, edges: Any = (0.04, 0.04, 0.04), tilt: float = 0.0, **given: Any) -> Body:
+    """A box at a place, turned about y."""
     c, s = np.cos(tilt), np.sin(tilt)
     turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     mesh = box_mesh(edges).transformed(turn, np.array(center))
-    return mesh, FreeObject.of_mesh(mesh, **{"mass": 0.1, "table": 0.0, "friction": 0.6, **free})
+    return body_of(mesh, **({} if "moves" in given else {"mass": 0.1}) | given)
 
 
-def solver_of_three(*bodies: Body, fixed: Sequence[int] = ()) -> HandSolver:
-    """A hand and three bodies, of which those that are not given lie far away: one program is compiled for all."""
-    far = [block((50.0 + k, 0.0, 0.0), **NOTHING) for k in range(3 - len(bodies))]
-    others = [body_of(*body, f"body {k}", fixed=k in fixed) for k, body in enumerate([*bodies[1:], *far], 1)]
-    return solver_of(*bodies[0], others=others)
+def solver_of_three(*bodies: Body, table: float | None = 0.0) -> HandSolver:
+    """A hand and three bodies, of which those that are not given are far away: one program is compiled for all."""
+    far = [block((50.0 + k, 0.0, 5.0), **NOTHING) for k in range(3 - len(bodies))]
+    return solver_of(bodies[0], others=[*bodies[1:], *far], table=table)
 
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
@@ -61,10 +58,8 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
 def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
     tilt, gap = np.radians(30.0), 2e-6
     up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    free: dict[str, Any] = {"table": None, "friction": mu}
-    solver = solver_of_three(
-        block((0.025 + gap) * up, tilt=tilt, **free), block((0, 0, 0), (1.0, 0.2, 0.01), tilt, **free), fixed=[1]
-    )
+    slope = block((0, 0, 0), (1.0, 0.2, 0.01), tilt, friction=mu, moves=Fixed())
+    solver = solver_of_three(block((0.025 + gap) * up, tilt=tilt, friction=mu), slope, table=None)
     _, ticks = run(solver, 300)
     way = np.linalg.norm(ticks.bodies[0].shift[-1] - ticks.bodies[0].shift[0])
     # Implicit Euler: n (n + 1) / 2 steps of a Δt², less the first tick's.
@@ -73,9 +68,9 @@ def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
     assert np.abs(np.diff(ticks.bodies[1].shift, axis=0)).max() == 0.0
 
 
-def momentum(body: Any, free: FreeObject) -> FloatArray:
+def momentum(body: Any, of: Body) -> FloatArray:
     """Linear and angular momentum about the world's origin at each tick, (T, 6)."""
-    turn = rotation_matrix(body.turn)
+    turn, free = rotation_matrix(body.turn), of.solid
     place = turn @ np.array(free.center) + body.shift
     spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, body.angular_velocity)
     return np.concatenate([free.mass * body.velocity, free.mass * np.cross(place, body.velocity) + spin], axis=1)
@@ -86,11 +81,11 @@ def test_two_free_things_that_meet_keep_their_momentum() -> None:
         block((0.0, 0.0, 0.0), mass=0.1, velocity=(1.0, 0.0, 0.0), **NOTHING),
         block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
     ]
-    _, ticks = run(solver_of_three(*bodies), 200)
-    total = np.sum([momentum(body, free) for body, (_, free) in zip(ticks.bodies, bodies)], axis=0)
+    _, ticks = run(solver_of_three(*bodies, table=None), 200)
+    total = np.sum([momentum(body, of) for body, of in zip(ticks.bodies, bodies)], axis=0)
     np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
     # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
-    gained = np.abs(momentum(ticks.bodies[1], bodies[1][1])[-1, 3:]).max()
+    gained = np.abs(momentum(ticks.bodies[1], bodies[1])[-1, 3:]).max()
     assert np.abs(total[:, 3:] - total[0, 3:]).max() < 0.02 * gained
     speed = np.linalg.norm(ticks.bodies[1].velocity, axis=1)
     assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
@@ -131,14 +126,15 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     least = np.inf
     for i in range(0, ticks_run, 4):
         boxes = []
-        for turn, body, (_, free), edge in zip(turns, ticks.bodies, bodies, edges):
-            boxes.append((turn[i] @ np.array(free.center) + body.shift[i], turn[i], edge))
+        for turn, body, of, edge in zip(turns, ticks.bodies, bodies, edges):
+            boxes.append((turn[i] @ np.array(of.solid.center) + body.shift[i], turn[i], edge))
         least = min(least, *(separation(boxes[a], boxes[b]) for a in range(3) for b in range(a)))
         least = min(least, *(c[2] - 0.5 * float(np.abs(turn[2]) @ edge) for c, turn, edge in boxes))
     assert least >= 0.0
     assert not (record.status & 1).any()
     settled = record.status[1:] == 0
-    for k, (body, (_, free)) in enumerate(zip(ticks.bodies, bodies)):
+    for k, (body, of) in enumerate(zip(ticks.bodies, bodies)):
+        free = of.solid
         force = body.hand_wrench[:, :3] + body.table_wrench[:, :3] + ticks.body_wrench[k, :, :3]
         gained = free.mass * np.diff(body.velocity, axis=0) / DT
         wanted = force[1:] + [0.0, 0.0, -free.mass * G]

@@ -7,10 +7,8 @@ import pytest
 from free_scenes import all_ticks, body_of, far_hand, solver_of
 
 from hhsim.arrays import FloatArray
-from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.body import Joint
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Body, Fixed, Joint
 
 DT, G, MASS = 1e-3, 9.81, 0.3
 STEEP = np.array([0.8, 0.0, -0.6])
@@ -19,19 +17,16 @@ PULL = 0.6 * MASS * G
 """Part of the weight along it [N]."""
 
 
-def cart(**given: Any) -> tuple[Mesh, FreeObject]:
+def cart(velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), **given: Any) -> Body:
     """A plate of 200 × 150 × 20 mm on a slider, about the origin."""
     mesh = box_mesh((0.2, 0.15, 0.02))
     slider = Joint(**{"type": "slider", "axis": tuple((3.0 * STEEP).tolist()), **given})
-    return mesh, FreeObject.of_mesh(mesh, mass=MASS, joint=slider, friction=0.5)
+    return body_of(mesh, mass=MASS, joint=slider, friction=0.5, velocity=velocity)
 
 
-def slid(ticks: int, velocity: FloatArray | None = None, **given: Any) -> tuple[FloatArray, Any]:
+def slid(ticks: int, **given: Any) -> tuple[FloatArray, Any]:
     """The way of a cart that nothing touches [m], (T,), and its records; it neither turns nor leaves its axis."""
-    mesh, free = cart(**given)
-    if velocity is not None:
-        free = FreeObject(**{**vars(free), "velocity": tuple(velocity.tolist())})
-    solver = solver_of(mesh, free)
+    solver = solver_of(cart(**given))
     solver.run(*far_hand(ticks))
     record = solver.object_ticks
     way = record.shift @ STEEP
@@ -56,15 +51,10 @@ def test_limits_end_the_way() -> None:
 
 
 def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_the_momentum() -> None:
-    mesh, free = cart(axis=(1.0, 0.0, 0.0), on="rail")
-    free = FreeObject(**{**vars(free), "velocity": (0.3, 0.0, 0.0)})
     rail = box_mesh((0.6, 0.05, 0.05)).transformed(np.eye(3), np.array([0.0, 0.0, -0.02]))
     stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.0, 0.0, 0.03 + 2e-6]))
-    others = tuple(
-        body_of(one, FreeObject.of_mesh(one, mass=mass, friction=0.5), name, fixed=fixed)
-        for one, mass, fixed, name in ((rail, 1.0, True, "rail"), (stone, 0.2, False, "stone"))
-    )
-    solver = solver_of(mesh, free, others=others)
+    others = body_of(rail, "rail", friction=0.5, moves=Fixed()), body_of(stone, "stone", mass=0.2, friction=0.5)
+    solver = solver_of(cart((0.3, 0.0, 0.0), axis=(1.0, 0.0, 0.0), on="rail"), others=others)
     record = solver.run(*far_hand(200))
     ticks = all_ticks(solver)
     of_cart, _, of_stone = ticks.bodies

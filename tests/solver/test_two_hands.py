@@ -1,19 +1,17 @@
 """Two hands at one free object, against closed forms, each other's mirror image and a hand that is alone."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from free_scenes import TIP, box, tongs
+from free_scenes import TIP, body_of, box, tongs
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.world.record import ObjectRecord
-from hhsim.solver.free_object import EngineBody, FreeObject
-from hhsim.solver.hand_solver import HandSolver, WorldSolver
+from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
 
 EDGE = 0.04
@@ -38,14 +36,6 @@ class Run(NamedTuple):
     object: ObjectRecord
 
 
-def two_handed(
-    mesh: Any, free: FreeObject, hands: tuple[HandModel, HandModel], others: Sequence[EngineBody] = (), **options: Any
-) -> WorldSolver:
-    surface = contact_surface("mesh", mesh, None)
-    chosen = SolverOptions(surface="mesh", **options)
-    return WorldSolver([HandSolver(hand, surface, chosen) for hand in hands], free, others)
-
-
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:
     """Two fingers along x that come to press a block from both sides, at heights of opposite sign [m]."""
     found, straight = [], (np.zeros((ticks, 5, 3)), np.zeros((ticks, 5)))
@@ -60,21 +50,22 @@ def pressing(ticks: int, height: float) -> list[HandConfiguration]:
 class Pressed:
     """A block between two fingers, which weighs nothing until it is loaded."""
 
-    def __init__(self, height: float = 0.0, friction: float = FRICTION, others: Sequence[EngineBody] = ()) -> None:
-        mesh = box([EDGE] * 3)
-        free = FreeObject.of_mesh(mesh, mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
+    def __init__(self, height: float = 0.0, friction: float = FRICTION) -> None:
+        body = body_of(box([EDGE] * 3), mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
-        self.solver = two_handed(mesh, free, (tongs(), tongs()), others, fingers=("index",), stiffness=stiffness)
+        options = SolverOptions(surface="mesh", fingers=("index",), stiffness=stiffness)
+        surface = contact_surface("mesh", body.mesh, None)
+        self.solver = WorldSolver([HandSolver(tongs(), surface, options) for _ in range(2)], body)
         engine: Any = self.solver.engine
         self.bodies = engine.world.bodies
         self.way = pressing(60, height)
-        self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks(0))
+        self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks)
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
         self.bodies[0].gravity[2] = -weight / MASS
         held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
-        return Run(self.solver.run(*held), self.solver.object_ticks(0))
+        return Run(self.solver.run(*held), self.solver.object_ticks)
 
 
 def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it() -> None:

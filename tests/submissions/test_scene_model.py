@@ -20,7 +20,6 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.body import Driven
 from hhsim.scene.scene import Scene, open_scene
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
@@ -62,12 +61,6 @@ OWN = (
 
 def own_scene(folder: Path, *tables: str) -> Scene:
     return open_scene(body_file(folder, *(tables or OWN)), "never", solid=False, level=1, rate=200.0)
-
-
-def properties(scene: Scene) -> dict[str, FreeObject]:
-    seen = seen_scene(scene)
-    assert seen.parts is not None and seen.free is not None
-    return dict(zip(seen.parts.names, (seen.free, *(free for free, _, _ in seen.others))))
 
 
 class Model:
@@ -131,7 +124,7 @@ def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tupl
     scene, folder, result = replayed
     at, parts = Model(folder), seen_scene(scene).parts
     assert parts is not None
-    joints = {name: free.joint for name, free in properties(scene).items() if free.joint}
+    joints = {body.name: body.free_joint for body in scene.solids if body.free_joint}
     ((moving, joint),) = joints.items()
     assert joint is not None
     moved = []
@@ -178,17 +171,16 @@ def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Pa
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
-    at, bodies, parts = Model(tmp_path / "s"), properties(scene), seen_scene(scene).parts
-    assert parts is not None
+    at, bodies = Model(tmp_path / "s"), {body.name: body for body in scene.solids}
     model, kind = at.model, at.mujoco.mjtJoint
     # The hand's bodies are 16 and its joints 21; besides there is the world.
     assert (model.nbody, model.njnt, model.nq) == (1 + 16 + 6, 21 + 4, 27 + 7 + 3)
-    for (name, free), mesh in zip(bodies.items(), parts.meshes):
-        body = model.body(name)
+    for name, own in bodies.items():
+        body, free = model.body(name), own.solid
         assert body.mass[0] == free.mass
         np.testing.assert_allclose(at.data.body(name).xipos, free.center, atol=1e-12)
         np.testing.assert_allclose(at.inertia(name), free.inertia, rtol=1e-9, atol=1e-12 * np.max(free.inertia))
-        same_points(at.vertices(name), mesh.vertices)
+        same_points(at.vertices(name), own.placed_mesh.vertices)
     parent = {name: model.body(model.body(name).parentid[0]).name for name in bodies}
     assert parent == {
         "link": "base",
@@ -211,12 +203,12 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
         np.testing.assert_allclose(at.data.joint(name).xaxis, joint.direction, atol=1e-12)
     assert bodies["link"].joint is not None
     np.testing.assert_allclose(at.data.joint("link").xanchor, bodies["link"].joint.origin, atol=1e-12)
-    assert model.opt.gravity.tolist() == list(bodies["link"].gravity) and model.opt.timestep == 1.0 / 200.0
-    for name, free in bodies.items():
+    assert model.opt.gravity.tolist() == list(bodies["link"].solid.gravity) and model.opt.timestep == 1.0 / 200.0
+    for name, own in bodies.items():
         geom = model.geom(name)
         if geom.contype[0]:
-            assert geom.friction.tolist() == [free.friction, free.torsion, 0.0] and geom.priority[0] == 1
-            assert geom.condim[0] == (4 if free.torsion else 3)
+            assert geom.friction.tolist() == [own.friction, own.torsion, 0.0] and geom.priority[0] == 1
+            assert geom.condim[0] == (4 if own.torsion else 3)
     # A cup is not its hull: its spheres collide.
     touching = {name: touching_geoms(model, name) for name in bodies}
     assert {name for name, count in touching.items() if count > 1} == {"wall"}

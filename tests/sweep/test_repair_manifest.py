@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hhsim.errors import InputError
+from hhsim.recordings.registry import ReadOptions
 from hhsim.sweep.repair_manifest import PlannedRepair, load_manifest
 
 MESH = "solid empty\nendsolid\n"
@@ -56,10 +57,10 @@ def test_a_pattern_names_its_parts_and_defaults_hold(folder: Path) -> None:
     assert first.object == str(folder / "meshes/cup.stl")
     assert first.object_poses == folder / "poses/cup_pour_1.npy"
     assert first.out == folder / "out/s1-cup_pour_1/cup_pour_1.npz"
-    assert (first.hand, first.size, first.max_correction, first.palm) == ("right", 0.12, 0.015, "fitted")
-    assert first.options == {"rate": 30.0}
-    assert (last.object, last.hand, last.options) == ("cube", "left", {})
-    assert first.mano_model == last.mano_model == folder / "models/MANO.pkl"
+    assert (first.read.hand, first.size, first.max_correction, first.palm) == ("right", 0.12, 0.015, "fitted")
+    model = folder / "models/MANO.pkl"
+    assert first.read == ReadOptions(hand="right", mano_model=model, rate=30.0)
+    assert (last.object, last.read) == ("cube", ReadOptions(hand="left", mano_model=model))
 
 
 @pytest.mark.parametrize(

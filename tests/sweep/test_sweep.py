@@ -20,7 +20,7 @@ from hhsim.sweep.input_files import CHANGED, source_digest
 from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import CellTask, SweepFolder, SweepSummary, cell_rows, run_sweep
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
 
 BROKEN = '''
 import os

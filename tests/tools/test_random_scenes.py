@@ -13,6 +13,8 @@ from hhsim.result.reader import load_result
 from tools.random_scenes import draw, played
 from tools.scene_judge import Moved, Recorded, judge
 
+pytestmark = pytest.mark.soak
+
 TICKS, EVERY = 300, 10
 SCENES = {"fixed": 28, "several": 9, "free": 9}
 """A scene of some kinds in which hands touch: one with fingers that meet; of several bodies one of two hands."""

@@ -18,6 +18,7 @@ from hhsim.trees.error import prove_cover, sample_mesh
 from hhsim.trees.hierarchy import at_level, build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
+from hhsim.trees.surface_cover import GRID, canonical_frame
 
 pytestmark = pytest.mark.slow
 
@@ -31,6 +32,7 @@ SHAPES = {
     "box": trimesh.creation.box((0.1, 0.1, 0.1)),
     "plate": trimesh.creation.box((0.1, 0.08, 0.002)),
     "cylinder": trimesh.creation.cylinder(0.03, 0.1, sections=32),
+    "needle": trimesh.creation.cone(0.002, 0.1, sections=12),
     "torus": trimesh.creation.torus(0.04, 0.012, major_sections=24, minor_sections=12),
 }
 
@@ -55,7 +57,10 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
 
 @pytest.mark.parametrize(
     ("name", "level"),
-    sampled([(name, level) for name in SHAPES for level in (1, 2)], lambda place, case: place % 6 == 3),
+    sampled(
+        [(name, level) for name in SHAPES for level in (1, 2)],
+        lambda _, case: case in [("box", 2), ("needle", 1), ("torus", 1)],
+    ),
 )
 def test_levels_cover_and_enclose(name: str, level: int) -> None:
     mesh = mesh_of(SHAPES[name])
@@ -67,6 +72,23 @@ def test_levels_cover_and_enclose(name: str, level: int) -> None:
     assert tree.mesh_sha256 == mesh.sha256
     assert dict(tree.options) == TreeOptions(level=level).recorded()
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
+
+
+@pytest.mark.parametrize(
+    ("name", "leaves"),
+    sampled(
+        [(name, leaves) for name in ("box", "plate", "torus") for leaves in (1, 3, 20, 64)],
+        lambda _, case: case in [("box", 1), ("torus", 3)],
+    ),
+)
+def test_as_few_leaves_as_are_asked_for_cover_and_enclose(name: str, leaves: int) -> None:
+    mesh = mesh_of(SHAPES[name])
+    tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves))
+    assert_sound(tree, mesh)
+    assert 1 <= tree.leaf_count <= leaves
+    if (name, leaves) == ("box", 1):
+        # About a cube of 0.1 m, whose corners are √3 times as far from its middle as its faces.
+        assert tree.errors[-1].bound == pytest.approx(0.05 * (np.sqrt(3.0) - 1.0), rel=0.01)
 
 
 @settings(max_examples=3)
@@ -155,3 +177,27 @@ def test_meshes_without_an_inside_are_refused() -> None:
 def test_options_check_themselves(wrong: dict[str, Any]) -> None:
     with pytest.raises(InputError, match=r"expected|did you mean|known: "):
         TreeOptions(**wrong)
+
+
+POINTS = {
+    "box": np.array(trimesh.creation.box((0.1, 0.1, 0.1)).vertices),
+    "torus": np.array(trimesh.creation.torus(0.04, 0.012).vertices),
+    "cloud": np.random.default_rng(3).normal(size=(50, 3)),
+    "two points": np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_a_motion_leaves_no_trace(name: str) -> None:
+    points = POINTS[name]
+    plain = canonical_frame(points).into(points)
+    rng = np.random.default_rng(5)
+    for seed in range(5):
+        rotation = Rotation.random(random_state=seed)
+        scale = 10.0 ** rng.uniform(-4.0, 4.0)
+        there = scale * rotation.apply(points) + scale * rng.normal(size=3)
+        if name == "two points":
+            # The second axis of a line is nobody's; the first is its own.
+            assert canonical_frame(there).into(there)[:, 0] == pytest.approx(plain[:, 0], abs=GRID)
+        else:
+            assert np.array_equal(canonical_frame(there).into(there), plain)

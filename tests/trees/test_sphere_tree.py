@@ -95,7 +95,7 @@ def test_file_brings_back_every_bit(tmp_path: Path) -> None:
     assert_equal(load_tree(tmp_path / "tree.h5"), tree)
     assert [path.name for path in tmp_path.iterdir()] == ["tree.h5"]
     with h5py.File(tmp_path / "tree.h5") as file:
-        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 2)
+        assert (file.attrs["format"], file.attrs["schema_version"]) == ("hhsim-tree", 3)
         for name in ("center", "radius", "level", "parent"):
             assert file[name].attrs["units"] == ("m" if name in ("center", "radius") else "1")
             assert file[name].attrs["long_name"]
@@ -117,7 +117,7 @@ def with_covers() -> SphereTree:
     [
         (lambda file: file.__delitem__("covers/0"), "expected one for each level"),
         (lambda file: file.__delitem__("covers/1"), "1 covers"),
-        (lambda file: file["covers/1/radius"].__setitem__(0, 9.0), "must be the leaves"),
+        (lambda file: file["covers/1/proof"].__setitem__(0, 0), "needs 3 owners, and has 2"),
         (lambda file: file["covers/0/radius"].__setitem__(0, -9.0), "negative"),
         (lambda file: file["covers/0/depth"].__setitem__(0, np.nan), "not finite"),
         (lambda file: file["covers/0"].attrs.__setitem__("gap", -1.0), "negative"),

@@ -24,7 +24,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
 from hhsim.view import sink
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
-from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment, vertex_normals
+from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment
 from hhsim.view.sink import check_target, parse_target, viewer_program
 from hhsim.view.viewer import shown_scene, view_result
 from tools.shapes.generators import sphere
@@ -140,6 +140,26 @@ def test_the_object_and_its_spheres_are_there(recording: Recording, result: Resu
     (text,) = recording.fixed["/run"]["TextDocument:text"][0]
     assert "coupled" in text
     assert "180" in text
+
+
+def test_the_viewer_moves_the_object_and_finds_the_contacts_on_it(tmp_path: Path) -> None:
+    path = tmp_path / "driven.rrd"
+    result = swung_result(short_scene(short_grasp(hold=0.03)), tmp_path / "driven.h5")
+    view_result(result, parse_target(str(path)), spheres=True)
+    recording, moved = Recording(path), result.moved_since_first()
+    for entity in ("/world/object", "/world/spheres"):
+        quaternion = recording.array(entity, "Transform3D:quaternion")[:, 0][:, [3, 0, 1, 2]]
+        np.testing.assert_allclose(quaternion, moved.turn, atol=1e-6)
+        np.testing.assert_allclose(recording.array(entity, "Transform3D:translation")[:, 0], moved.shift, atol=1e-6)
+    points = recording.rows("/world/contacts/points", "Points3D:positions")
+    assert [len(row or []) for row in points] == result["contacts/touching"].tolist()
+    level = result.body.static["tree/level"]
+    leaves = level == level.max()
+    center, radius = result.body.static["tree/center"][leaves], result.body.static["tree/radius"][leaves]
+    for tick in np.flatnonzero(result["contacts/touching"])[::10]:
+        one = type(moved)(moved.turn[tick : tick + 1], moved.shift[tick : tick + 1])
+        away = np.linalg.norm(one.points(center[None])[0][:, None] - np.array(points[tick]), axis=2) - radius[:, None]
+        assert np.abs(away).min(axis=0).max() < 1.1e-5
 
 
 def test_a_thinned_recording_keeps_the_worst_of_the_ticks_between(result: Result, tmp_path: Path) -> None:
@@ -379,15 +399,3 @@ def test_rerun_gets_the_skin_of_each_shown_tick(skinned: Result, tmp_path: Path)
     # A ball's normals lead away from its middle, as nearly as its triangles are.
     away = BALL.vertices / np.linalg.norm(BALL.vertices, axis=1, keepdims=True)
     assert (np.einsum("tvi,vi->tv", normals, away) > np.cos(np.radians(1.0))).all()
-
-
-def test_normals_are_the_means_of_the_triangles_around() -> None:
-    rng = np.random.default_rng(0)
-    vertices, faces = rng.normal(size=(9, 3)), rng.integers(0, 8, size=(12, 3))
-    found = vertex_normals(vertices, faces)
-    for vertex in range(9):
-        total = np.zeros(3)
-        for face in faces:
-            a, b, c = vertices[face]
-            total += np.count_nonzero(face == vertex) * np.cross(b - a, c - a)
-        np.testing.assert_allclose(found[vertex] * np.linalg.norm(total), total, atol=1e-12)

@@ -416,6 +416,7 @@ def _steps(stage: Stage, options: SolverOptions, record: TickRecord) -> dict[str
     """Return the largest steps of shown hand and force from tick to tick, by the names of STEPS, and UNTOLD's."""
     columns: dict[str, AnyArray] = {
         "contacts/touching": record.work[:, WORK_TOUCHING],
+        "force/phalanx": record.phalanx,
         "force/total": record.total,
         "graphic/joints": record.joints,
     }

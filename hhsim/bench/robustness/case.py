@@ -15,7 +15,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_SNAP
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import frozen_decay
-from hhsim.solver.options import BY_SURFACE, UNBOUNDED, UNLIMITED, SolverOptions
+from hhsim.solver.options import UNBOUNDED, UNLIMITED, USUAL, SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 DEEPEST = 1e-6
@@ -64,7 +64,7 @@ class HardRun:
     def solver(self, options: SolverOptions) -> SolverOptions:
         """Return the options of this run: with spheres if the object has no triangles, and adapted."""
         if options.surface == "mesh" and self.mesh is None:
-            options = replace(options, surface="spheres", skin=BY_SURFACE, touch=BY_SURFACE)
+            options = replace(options, surface="spheres", skin=USUAL, touch=USUAL)
         return self.adapt(options)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion_from_matrix, quaternion_product
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import finger_angles, palm_from_knuckles, palm_origin
+from hhsim.recordings.finger_ik import finger_angles, finger_axes, palm_from_knuckles, palm_origin
 from hhsim.recordings.frames import in_palm, world_matrix
 from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.recordings.joint_positions import HAND_LENGTHS
@@ -49,7 +49,7 @@ class TrackedHand:
         fingers = self.joints[None, 1:].reshape(1, 5, 4, 3)
         knuckles = fingers[:, 1:, 0]
         palm = palm_from_knuckles(knuckles, self.joints[:1], self._side)
-        flexion, abduction = finger_angles(in_palm(np.diff(fingers, axis=2), palm), self._side)
+        flexion, abduction = finger_angles(in_palm(np.diff(fingers, axis=2), palm), finger_axes(self._side))
         position = palm_origin(knuckles, palm, self._side) @ _WORLD.T
         orientation = quaternion_product(_TURN, palm)
         if not all(np.isfinite(values).all() for values in (position, orientation, flexion, abduction)):

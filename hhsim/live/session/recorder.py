@@ -56,9 +56,9 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.solver.hand_solver import keeps_hands_apart, warm_up
+from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import bodies_ticks
+from hhsim.solver.scene_solver import bodies_ticks, keeps_hands_apart
 
 RINGS = ("ticks", "samples", "events")
 

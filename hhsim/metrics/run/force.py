@@ -9,7 +9,8 @@ from hhsim.metrics.metrics import FORCE_FLOOR, Statistics, contact_force_step, f
 from hhsim.metrics.run_metric import Figure, Judged, RunMetric
 from hhsim.metrics.run_ticks import RunTicks
 
-TOTAL, VARIATION, TOUCHING = "force/total", "force_variation_rate", "contacts/touching"
+TOTAL, PHALANX = "force/total", "force/phalanx"
+VARIATION, TOUCHING = "force_variation_rate", "contacts/touching"
 FELT = 20.0
 """Largest step of the force [% of its mean]: three times what a hand notices, 7 % (Pang, Tan & Durlach 1991), since a
 user who closes the hand fast makes steps, too."""
@@ -31,9 +32,10 @@ def _step(run: RunTicks) -> float:
 
 
 def _pressed(run: RunTicks) -> FloatArray:
-    # Fingers that oppose each other on a free object leave its weight in the total, however hard they press.
-    total = np.linalg.norm(run[TOTAL], axis=1)
-    return np.asarray(total if run.free is None else np.maximum(total, run.free.grip))
+    # Fingers that oppose each other leave little in the total, however hard they press.
+    phalanx = run[PHALANX].reshape(-1, 15, 3)
+    palm = run[TOTAL] - phalanx.sum(axis=1)
+    return np.asarray(np.linalg.norm(phalanx, axis=2).sum(axis=1) + np.linalg.norm(palm, axis=1))
 
 
 def _step_share(run: RunTicks) -> float:
@@ -56,7 +58,7 @@ METRICS = (
     ),
     RunMetric(
         "force_contact_step_share", "largest force step in contact, of the mean", digits=1, unit="%",
-        needs=(TOTAL, TOUCHING), compute=_step_share, judged=Judged(rounding=1e-6, limit=FELT),
+        needs=(TOTAL, PHALANX, TOUCHING), compute=_step_share, judged=Judged(rounding=1e-6, limit=FELT),
     ),
     RunMetric(
         "force_variation_contact", "force variation in contact, mean", digits=4, unit="%",
@@ -94,7 +96,8 @@ METRICS = (
         judged=Judged(rounding=1e-9, limit=1e-3),
     ),
     RunMetric(
-        "force_step", "largest force step while moving", digits=1, unit="% of hold", needs=(TOTAL,),
+        "force_step", "largest force step while moving", digits=1, unit="% of hold",
+        needs=(TOTAL, PHALANX),
         compute=lambda run: force_step(run[TOTAL], ~run.hold, run.hold, _pressed(run)),
         judged=Judged(rounding=1e-6, limit=20.0),
     ),

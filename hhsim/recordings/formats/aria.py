@@ -13,7 +13,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.trajectory import HandSide
-from hhsim.recordings.finger_ik import palm_from_knuckles, usual_fingers, usual_wrist
+from hhsim.recordings.finger_ik import palm_from_knuckles, usual_hand
 from hhsim.recordings.frames import turned
 from hhsim.recordings.joint_names import KEYPOINTS
 from hhsim.recordings.recording import SIDES
@@ -62,7 +62,7 @@ def _read(content: Content, options: ReadOptions) -> JointPositions:
 def _saddle(places: dict[str, FloatArray], side: HandSide) -> FloatArray:
     """Return the thumb's saddle joint [m], shape (T, 3), fixed in the palm where a usual hand has it."""
     wrist, knuckles = places["wrist"], np.stack([places[f"{finger}_proximal"] for finger in FINGERS[1:]], axis=1)
-    base, usual = usual_fingers(side)["base"], usual_wrist(side)
+    base, usual = usual_hand(side).base, usual_hand(side).wrist
     lengths = np.linalg.norm(knuckles[:, 1] - wrist, axis=1)
     known = lengths[np.isfinite(lengths)]
     size = float(np.median(known)) / float(np.linalg.norm(base[2] - usual)) if known.size else 1.0

@@ -34,7 +34,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         device="Dexmo",
     )
     recording = mapped(content, table, columns, options, CHANNELS)
-    readings = content.numbers(table, CHANNELS, " of channels")
+    readings = content.numbers(table, CHANNELS)
     calibration = options.dexmo or DexmoRegression.default()
     if not calibration.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         reached = np.nanmax(np.abs(readings))

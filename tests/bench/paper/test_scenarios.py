@@ -58,16 +58,6 @@ def test_figure_11_is_five_objects_and_three_behaviours() -> None:
         assert len(load_script(motion).hold_touches[0]) == parts
 
 
-def test_figure_14_squeezes_holds_and_slides() -> None:
-    assert [s.name for s in figure("14")] == ["cup squeeze", "bunny ear-to-ear"]
-    for scenario in figure("14"):
-        phases = [phase.name for phase in load_script(scenario.motion).phases]
-        assert phases == ["approach", "grasp", "hold", "slide", "hold", "release"]
-    first, second = load_script("ear-to-ear").hold_touches
-    assert {t.region for t in first if t.part == "index"} == {"ear_right"}
-    assert {t.region for t in second if t.part == "index"} == {"ear_left"}
-
-
 def test_figure_15_is_four_cases_a_hundred_times_on_each_complex_object() -> None:
     assert [(s.object_name, s.case) for s in figure("15")] == [
         (name, case) for name in COMPLEX for case in ("SF", "TF", "FF", "WH")

@@ -32,7 +32,7 @@ QUICK = (
     ("gimbal-lock", "progressive"),
 )
 """On the mesh, every time; all of them by either method in the soak."""
-SOME_PAIRS, ALL_PAIRS = 5e5, 4e9
+SOME_PAIRS, ALL_PAIRS = 2e5, 4e9
 """Of bodies and spheres that brute force looks at in one run; beyond that it takes every nth tick."""
 BY_BOTH = ("start-inside", "bad-samples")
 """By `progressive`, every time; by `coupled` all but those alike, and all by both in the soak."""

@@ -69,16 +69,6 @@ def test_the_rows_are_the_derivatives_of_the_distances(surface: str, height: flo
             assert rows[i, variable] == pytest.approx((ahead[pair] - behind[pair]) / (2.0 * step), abs=1e-5)
 
 
-@pytest.mark.soak
-def test_in_free_space_the_way_is_free() -> None:
-    motion = RandomTargets(HAND, 0).take(2)
-    goal = motion.part(1, 2).copy()
-    goal.position[0, 0] += 0.05
-    for pieces in (LEAVES, pieces_of("mesh", FLOOR, None)):
-        assert way_out(HAND, pieces, OPTIONS, motion.part(0, 1), goal) == 1.0
-        assert way_out(HAND, pieces, OPTIONS, goal, goal) == 0.0
-
-
 @pytest.mark.parametrize(
     ("seed", "surface"),
     sampled(

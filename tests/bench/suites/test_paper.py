@@ -46,19 +46,6 @@ def row(runs: PaperRuns, name: str, method: str = "coupled") -> Row:
 
 
 @pytest.mark.soak
-def test_every_scene_is_played_by_every_method(runs: PaperRuns) -> None:
-    scenes = [(run.scenario.figure, run.scenario.object_name, run.options.method) for run in runs if not run.case]
-    expected = {"11": ("cube", 3), "sliding": ("cube", 1), "13": ("bunny", 3), "14": ("bunny", 1), "15": ("bunny", 4)}
-    for figure, (name, count) in expected.items():
-        for method in OPTIONS.methods:
-            assert scenes.count((figure, name, method)) == count
-    assert len(scenes) == 2 * sum(count for _, count in expected.values())
-    assert [(found.case, found.options.method) for found in runs if found.case] == [
-        (case, method) for case in ("TF", "WH") for method in OPTIONS.methods
-    ]
-
-
-@pytest.mark.soak
 def test_every_row_is_measured_and_every_method_has_every_row(runs: PaperRuns) -> None:
     rows = paper_rows(runs, OPTIONS.methods, False)
     names = {method: [one["row"] for one in rows if one["method"] == method] for method in OPTIONS.methods}

@@ -12,14 +12,14 @@ from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness.objects import ball_mesh
 from hhsim.bench.robustness.random_targets import StressOptions
-from hhsim.bench.robustness.safety import BLOCK, recorded_penetration
+from hhsim.bench.robustness.safety import BLOCK, is_safe, recorded_penetration
 from hhsim.bench.suite import Row
 from hhsim.bench.suites import stress
 from hhsim.bench.suites.stress import StressCase, run_case
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK, WORK_TOUCHING
+from hhsim.kernels.tick.state import STATUS_LAG, WORK_TOUCHING
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.motion.file import load_trajectory
 from hhsim.solver.hand_solver import HandSolver
@@ -69,18 +69,6 @@ class Planted(HandSolver):
         return record
 
 
-class Lazy(HandSolver):
-    """A hand that stays where it was whenever the thumb is bent, and says that it is stuck."""
-
-    def run(self, *haptic: Any) -> TickRecord:
-        record = super().run(*haptic)
-        for tick in np.flatnonzero(haptic[2][1:, 0, 1] > 1.0) + 1:
-            for values in (*HandConfiguration.of(record), record.joints):
-                values[tick] = values[tick - 1]
-            record.status[tick] |= STATUS_STUCK
-        return record
-
-
 @pytest.mark.parametrize("method", sampled(["coupled", "progressive"], lambda _, method: method == "coupled"))
 def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     figures = run_case(case(method))
@@ -93,6 +81,7 @@ def test_the_figures_are_those_of_the_ticks(method: str) -> None:
     assert figures["touching"] == (record.work[:, WORK_TOUCHING] > 0).sum() > 500
     assert figures["ticks"] == TICKS
     assert figures["safe"] and figures["failures"] == ""
+    assert not is_safe({**figures, "unexplained": 1})
 
 
 def replayed_failures(figures: Row, again: StressCase) -> dict[str, int]:
@@ -128,15 +117,6 @@ def test_planted_faults_are_counted_and_kept_to_be_replayed(monkeypatch: pytest.
     assert set(found) == {"penetration", "not finite"} and min(found.values()) > 0
     monkeypatch.setattr(stress, "HandSolver", HandSolver)
     assert set(replayed_failures(figures, sound).values()) == {0}
-
-
-@pytest.mark.soak
-def test_a_hand_that_is_stuck_without_cause_is_a_missed_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stress, "HandSolver", Lazy)
-    figures = run_case(case(ticks=900))
-    assert figures["stuck"] >= figures["unexplained"] > 10
-    assert not figures["safe"]
-    assert replayed_failures(figures, case())["stuck"] > 0
 
 
 def test_the_command_writes_its_table_and_prints_it(run: Any, tmp_path: Path) -> None:

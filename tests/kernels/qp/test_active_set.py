@@ -32,7 +32,7 @@ from hhsim.kernels.qp.row_scan import STRIP
 
 TOLERANCE = 1e-12
 RELAXATION = 1e-10
-REPEATS = 200
+REPEATS = 60
 
 
 def program_of(common: FloatArray, block: FloatArray, rhs: FloatArray, groups: Any, target: FloatArray) -> Program:

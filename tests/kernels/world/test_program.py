@@ -15,7 +15,6 @@ from free_scenes import GRAVITY, free_scene, gripped, solver_of, squeeze_of, ton
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import seen_scene
 
 CLEARANCE = SolverOptions().offset
 SETTLED = 0.2 * CLEARANCE
@@ -42,9 +41,8 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
 def grasped(mass: float, friction: float, ticks: range) -> Iterator[CoulombProgram]:
     """A whole hand that closes on a cylinder on a table; of each tick its first program, for which Γ is sought."""
     scene = free_scene(mass, friction)
-    free = seen_scene(scene).free
-    assert free is not None
-    solver = solver_of(scene.solids[0].placed_mesh, free, scene.hands[0].model, linearisations=1)
+    assert scene.plane is not None
+    solver = solver_of(scene.solids[0], scene.hands[0].model, table=scene.plane.height, linearisations=1)
     return harvest(solver, HandConfiguration.of(scene.hands[0].ticks), ticks)
 
 

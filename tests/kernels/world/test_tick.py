@@ -5,12 +5,25 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from free_scenes import GRAVITY, HALF_APART, REACH, TIP, box, far_hand, gripped, solver_of, squeeze_of, tongs, tongs_at
+from free_scenes import (
+    GRAVITY,
+    HALF_APART,
+    REACH,
+    TIP,
+    body_of,
+    box,
+    far_hand,
+    gripped,
+    solver_of,
+    squeeze_of,
+    tongs,
+    tongs_at,
+)
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
-from hhsim.solver.free_object import FreeObject
+from hhsim.scene.body import Free, HalfSpace
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
@@ -24,9 +37,9 @@ def tilted(degrees: float) -> tuple[float, float, float]:
     return (GRAVITY * float(np.sin(angle)), 0.0, -GRAVITY * float(np.cos(angle)))
 
 
-def alone(mesh: Mesh, ticks: int, **free: Any) -> tuple[TickRecord, Any]:
+def alone(mesh: Mesh, ticks: int, table: float, **free: Any) -> tuple[TickRecord, Any]:
     """What the ticks of an object without a hand near it record."""
-    solver = solver_of(mesh, FreeObject.of_mesh(mesh, **free))
+    solver = solver_of(body_of(mesh, **free), table=table)
     return solver.run(*far_hand(ticks)), solver.object_ticks
 
 
@@ -44,9 +57,10 @@ def test_a_ball_on_a_slope_rolls_or_slides_and_spins_up_by_friction(friction: fl
     radius, ticks = 0.038, 500
     along, _, down = tilted(30.0)
     rows = tuple(map(tuple, (0.4 * 0.2 * radius**2 * np.eye(3)).tolist()))
-    free = FreeObject(0.2, (0.0, 0.0, 0.0), rows, friction=friction, table=-radius, gravity=(along, 0.0, down))
+    rolling = Free(0.2, (0.0, 0.0, 0.0), rows, gravity=(along, 0.0, down))
+    body, plane = body_of(BLOCK, moves=rolling, friction=friction), HalfSpace("table", -radius)
     ball = SphereTree(np.zeros((2, 3)), np.full(2, radius), np.array([0, 1]), np.array([-1, 0]))
-    solver = HandSolver(HandModel.default(), contact_surface("spheres", None, ball), SolverOptions(), free)
+    solver = HandSolver(HandModel.default(), contact_surface("spheres", None, ball), SolverOptions(), body, (plane,))
     solver.run(*far_hand(ticks))
     moved = solver.object_ticks
     # It rolls with 5/7 of the slope's share of gravity if friction bears the other 2/7.
@@ -61,9 +75,10 @@ def test_a_ball_on_a_slope_rolls_or_slides_and_spins_up_by_friction(friction: fl
 def test_a_pushed_cube_slides_or_tips_by_the_height_of_the_fingertip(share: float, tips: bool) -> None:
     side, friction, ticks = 0.07, 0.8, 800
     mesh = box([side] * 3, (REACH + TIP + 0.001 + 0.5 * side, HALF_APART, 0.0))
-    free = FreeObject.of_mesh(mesh, mass=0.24, friction=0.0, table_friction=friction, table=-0.5 * side)
+    about = {"table": -0.5 * side, "table_friction": friction}
     stiffness = Stiffness(translation=1000.0, rotation=1000.0, flexion=14.5)
-    solver = solver_of(mesh, free, tongs(), fingers=("index",), stiffness=stiffness)
+    body = body_of(mesh, mass=0.24, friction=0.0)
+    solver = solver_of(body, tongs(), **about, fingers=("index",), stiffness=stiffness)
     height = share * 0.5 * side / friction - 0.5 * side
     way = 0.015 * np.arange(1, ticks + 1) / ticks
     solver.run(*tongs_at(np.zeros(ticks), np.stack([way, 0.0 * way, np.full(ticks, height)], axis=1)))
@@ -74,12 +89,12 @@ def test_a_pushed_cube_slides_or_tips_by_the_height_of_the_fingertip(share: floa
 def test_a_body_in_free_flight_keeps_its_momentum() -> None:
     mesh = box((0.03, 0.05, 0.08))
     velocity, spin = (0.3, -0.2, 0.1), (3.0, 1.0, -2.0)
-    free = FreeObject.of_mesh(mesh, mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=velocity, angular_velocity=spin)
-    solver = solver_of(mesh, free)
+    body = body_of(mesh, mass=0.3, gravity=(0.0, 0.0, 0.0), velocity=velocity, angular_velocity=spin)
+    solver = solver_of(body)
     solver.run(*far_hand(500))
     moved = solver.object_ticks
     assert np.abs(moved.velocity - velocity).max() < 1e-9
-    inertia, energy, momenta = np.array(free.inertia), [], []
+    inertia, energy, momenta = np.array(body.solid.inertia), [], []
     for turn, rate in zip(moved.turn[::50], moved.angular_velocity[::50]):
         w, axis = turn[0], turn[1:]
         cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
@@ -120,7 +135,7 @@ def test_a_contact_bears_torsion_up_to_its_radius_times_its_force() -> None:
     solver.run(*tongs_at(np.full(5, closed)))
     moved = solver.object_ticks
     braked = np.diff(moved.angular_velocity[:, 1]) / DT
-    inertia = np.array(solver.engine.bodies[0].free.inertia)[1, 1]  # type: ignore[attr-defined]
+    inertia = np.array(solver.engine.bodies[0].solid.inertia)[1, 1]  # type: ignore[attr-defined]
     assert braked == pytest.approx(np.full(4, -0.003 * squeeze / inertia), rel=1e-2)
 
 

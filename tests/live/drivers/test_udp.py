@@ -224,7 +224,7 @@ def test_a_bridge_is_back_with_a_sample_and_not_with_what_is_none(bridge: Bridge
         assert len(reader.read()) == 1
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("stop", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
 def test_the_example_bridge_speaks_the_packet(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     with example(BRIDGE, port) as bridge:

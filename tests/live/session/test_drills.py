@@ -317,6 +317,8 @@ def test_a_process_is_lost_while_the_session_ends(tmp_path: Path, process: str, 
         drill.let_it_end(lost)
         going.cancel()
     assert_told_free(drill.commands(), lost)
+    if number == STOP:
+        assert_free_at_the_end(drill.commands())
 
 
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
@@ -353,14 +355,19 @@ def test_a_driver_that_fails_ends_the_session(drill: Drill) -> None:
     assert "the glove's driver failed: RuntimeError: on purpose" in drill.session.end().loop_failed
 
 
-def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
-    drill.grasp()
-    drill.session.end()
-    commands = drill.commands()
+def assert_free_at_the_end(commands: NDArray[Any]) -> None:
+    """The last word of each connection holds no finger."""
     last = {client: commands[commands["client"] == client][-1:] for client in set(commands["client"].tolist())}
     assert last
     for client, command in last.items():
         assert not stiff(command).any(), f"client {client} left a finger held"
+
+
+@pytest.mark.soak
+def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
+    drill.grasp()
+    drill.session.end()
+    assert_free_at_the_end(drill.commands())
 
 
 @pytest.mark.parametrize("number", sampled([signal.SIGINT, KILL], lambda _, number: number == signal.SIGINT))

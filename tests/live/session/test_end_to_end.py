@@ -23,7 +23,7 @@ from hhsim.scene.script import parse_script
 from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 
-TICKS = 1200
+TICKS = 700
 Ran = tuple[Result, SessionOutcome]
 
 

@@ -23,7 +23,6 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
 from hhsim.scene.body import CLEARANCE
-from hhsim.solver.free_object import FreeObject
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import bodies_ticks
@@ -55,7 +54,9 @@ class Session(ScriptedSession):
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
-        solver = HandSolver(setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free)
+        solver = HandSolver(
+            setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free, setup.seen.others
+        )
         haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
         return solver.run(*haptic), solver.object_ticks
 
@@ -99,10 +100,9 @@ def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
 
 def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, result: Result) -> None:
     assert result.complete and result.body.is_free and result.frame and result.live is not None
-    assert (
-        FreeObject.from_json(result.body.properties) == FreeObject.of_mesh(BALL, **ON_TABLE)
-        and "Saxcé" in result.scene["friction_law"]
-    )
+    stored = session.setup.scene.solids[0].properties(session.setup.scene.plane)
+    assert result.body.properties["mass"] == stored["mass"] and result.body.properties["table"] == stored["table"]
+    assert "Saxcé" in result.scene["friction_law"]
     assert set(FREE_COLUMNS) <= set(result.body.columns)
     assert {f"contact/{column.name}" for column in CONTACT_COLUMNS} <= set(result.keys())
     np.testing.assert_array_equal(np.bincount(result["contact/tick"], minlength=101), np.diff(session.object.contact))

@@ -359,7 +359,7 @@ def test_a_fault_of_the_loop_itself_releases_the_glove() -> None:
 def stalled(after_stall: str, missed: int) -> tuple[ScriptedSession, NDArray[Any]]:
     """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
     safety = SafetyLimits(watchdog=False, after_stall=after_stall)
-    session = ScriptedSession([*HOLDING, *held_on(200)], safety=safety, output=replace(QUICK, ramp=0.05))
+    session = ScriptedSession([*HOLDING, *held_on(60)], safety=safety, output=replace(QUICK, ramp=0.05))
     session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
     session.run()
     (at,) = np.flatnonzero(session.ticks["missed"])
@@ -368,16 +368,16 @@ def stalled(after_stall: str, missed: int) -> tuple[ScriptedSession, NDArray[Any
     return session, session.ticks["command_stiffness"][at:-1].max(axis=1)
 
 
-TICKS = np.arange(1, 301)
+TICKS = np.arange(1, 101)
 
 
 @pytest.mark.parametrize(
     ("after_stall", "missed", "overrun", "expected"),
     [
-        *((policy, 9, 0, np.full(300, 0.3)) for policy in ("release", "ease", "hold")),
+        *((policy, 9, 0, np.full(100, 0.3)) for policy in ("release", "ease", "hold")),
         # The watchdog may have freed the fingers in the stall.
         *((policy, 19, 1, np.minimum(0.006 * (TICKS - 1), 0.3)) for policy in ("release", "ease", "hold")),
-        ("hold", 18, 0, np.full(300, 0.3)),
+        ("hold", 18, 0, np.full(100, 0.3)),
         ("ease", 18, 0, np.clip(np.maximum(0.3 - 0.003 * TICKS, 0.006 * TICKS), 0.0, 0.3)),
     ],
 )

@@ -6,7 +6,6 @@ import pytest
 from live_scripted import FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.live import deadlines
-from hhsim.kernels.live.deadlines import LONG_STALL_NS
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.result.safety import Safety
 
@@ -102,23 +101,6 @@ def test_what_the_host_took_long_before_is_not_charged_to_a_miss() -> None:
     planted.solving(planted.takes(oversleep=4 * MS), AT + 5)
     row = planted.only_miss()
     assert (row["missed"], row["cause"], row["taken"][3]) == (4, WOKEN_LATE, 0)
-
-
-@pytest.mark.parametrize(("short", "reads"), [(100_000, 0), (0, 1)])
-def test_what_the_host_took_is_read_in_a_tick_after_a_long_stall_alone(short: int, reads: int) -> None:
-    planted = Planted()
-    # Of it, 0.1 ms are the driver's, which is in step with the loop here.
-    planted.solving(planted.takes(2 * MS + LONG_STALL_NS - 100_000 - short, cpu=2 * MS), AT)
-    read, steal_ns = [], planted.accounts.steal_ns
-
-    def counted() -> int:
-        read.append(planted.loop.deadlines.at.tick)
-        return steal_ns()
-
-    planted.accounts.steal_ns = counted  # type: ignore[method-assign]
-    row = planted.only_miss()
-    assert (row["cause"], row["taken"][1]) == (COMPUTED, LONG_STALL_NS - short)
-    assert len([tick for tick in read if tick > AT]) == reads
 
 
 def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:

@@ -12,11 +12,13 @@ SIZE = np.array([0.0, 0.0, 2.0, 3.0, 3.0, 0.0])
 TOUCHING = np.array([0, 1, 2, 2, 1, 0])
 
 
-def run(scale: float = 1.0, breaks: np.ndarray | None = None) -> RunTicks:
-    force = np.zeros((6, 3))
+def run(scale: float = 1.0, breaks: np.ndarray | None = None, opposed: float = 0.0) -> RunTicks:
+    force, phalanx = np.zeros((6, 3)), np.zeros((6, 5, 3, 3))
     force[:, 1] = scale * SIZE
+    phalanx[2:5, 0, 2, 0], phalanx[2:5, 1, 2, 0] = opposed, -opposed
     variation = np.array([np.nan, np.nan, np.nan, 50.0, 0.0, 100.0])
-    columns = {"force/total": force, "contacts/touching": TOUCHING, "force_variation_rate": variation}
+    columns = {"force/total": force, "force/phalanx": phalanx, "contacts/touching": TOUCHING}
+    columns["force_variation_rate"] = variation
     return RunTicks(columns, 6, (), 1000.0, 5, breaks=breaks)
 
 
@@ -33,6 +35,11 @@ def run(scale: float = 1.0, breaks: np.ndarray | None = None) -> RunTicks:
 )
 def test_figures_of_a_motion_without_a_hold(name: str, value: float) -> None:
     assert run_figure(name, run()) == value
+
+
+def test_a_step_is_compared_with_what_fingers_press_whichever_way() -> None:
+    # Thumb and index finger press with 2 N each in three of the four ticks, and leave no total.
+    assert run_figure("force_contact_step_share", run(opposed=2.0)) == pytest.approx(100.0 * 3.0 / (2.0 + 3.0))
 
 
 def test_a_force_is_a_touch_though_nothing_is_within_10_um() -> None:

@@ -17,7 +17,7 @@ from hhsim.errors import HhsimError, InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.sample_flags import SampleFlag, marked
-from hhsim.recordings.cleaning import CleaningOptions, clean_recording
+from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.formats.mano import read_mano_model
 from hhsim.recordings.frames import turned, world_matrix
@@ -88,15 +88,16 @@ def test_a_unit_that_the_mapping_names_is_stated_and_another_is_found(text: str,
     columns = parse_settings(text, ColumnMap, "glove.toml")
     assert columns.stated == stated
     rows = "".join(f"{10 * k},0.2,0.1,0.0,{0.01 * k}\n" for k in range(100))
-    recording = read_as("csv", f"Time,X,Y,Z,MCP\n{rows}", columns=columns)
+    table = f"Time,X,Y,Z,MCP\n{rows}"
     if "time" in stated:
         with pytest.raises(InputError, match="--time-unit ms: the file, or the mapping of its"):
-            clean_recording(recording, CleaningOptions(time_unit="ms"))
+            read_as("csv", table, columns=columns, time_unit="ms")
         with pytest.raises(TrajectoryError, match="in another unit"):
-            clean_recording(recording)
+            read_as("csv", table, columns=columns)
     else:
-        for options in (CleaningOptions(), CleaningOptions(time_unit="ms")):
-            assert clean_recording(recording, options).trajectory.duration == pytest.approx(0.99)
+        for unit in (None, "ms"):
+            recording = read_as("csv", table, columns=columns, time_unit=unit)
+            assert clean_recording(recording).trajectory.duration == pytest.approx(0.99)
 
 
 @pytest.mark.parametrize("name", ["valid", "isActive", "is_tracked"])
