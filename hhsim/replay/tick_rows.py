@@ -26,7 +26,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver, seen_hand
 
 if TYPE_CHECKING:
-    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.world.record import WorldRecord
 
 Columns = dict[str, AnyArray]
 
@@ -150,7 +150,7 @@ class HandRows:
 
 
 def body_rows(
-    parts: MovingParts | None, record: "BodiesRecord | None", names: Sequence[str], ticks: slice, own: Columns
+    parts: MovingParts | None, record: "WorldRecord | None", names: Sequence[str], ticks: slice, own: Columns
 ) -> dict[str, Columns]:
     """Return the rows of all bodies by their groups in the file.
 
@@ -166,12 +166,13 @@ def body_rows(
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
             rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = pose | joint
         return rows
-    begun, rows = RigidMotion(record.bodies[0].turn, record.bodies[0].shift), {}
-    for k, (name, body, wrench) in enumerate(zip(parts.names, record.bodies, record.body_wrench, strict=True)):
+    begun, rows = RigidMotion(record.turn[0], record.shift[0]), {}
+    for k, (name, body) in enumerate(zip(parts.names, record.bodies, strict=True)):
         parts.world[ticks, k, :3] = begun.seen_points(body.shift)
         parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
-        columns = {"position": body.shift, "orientation": body.turn, schema.OF_BODIES.name: wrench}
-        columns |= {column.name: getattr(body, column.name) for column in schema.MOTION_COLUMNS}
+        columns = {"position": body.shift, "orientation": body.turn}
+        fields = body._asdict()
+        columns |= {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, schema.OF_BODIES)}
         columns |= {column.name: own[column.name] for column in schema.FREE_COLUMNS if k == 0}
         if name in parts.driven:
             to = parts.driven[name].at(ticks)
@@ -180,7 +181,7 @@ def body_rows(
     return rows
 
 
-def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArray) -> Columns:
+def free_columns(ticks: "WorldRecord", position: AnyArray, orientation: AnyArray) -> Columns:
     """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
     moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
     places = moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3)))
@@ -190,7 +191,7 @@ def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArra
     return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
 
 
-def contact_rows(ticks: "ObjectRecord", first: int, hands: int) -> Columns:
+def contact_rows(ticks: "WorldRecord", first: int, hands: int) -> Columns:
     """Return the rows of /contact of a block of ticks of a free body beside some hands; `first` numbers the ticks."""
     from hhsim.kernels.world.record import STICKS
 

@@ -13,7 +13,7 @@ from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.kernels.world.record import ObjectRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.recorder import SessionColumns
 from hhsim.metrics.run.registry import tick_figures
@@ -50,7 +50,7 @@ class Session(ScriptedSession):
         self.run()
         self.object, _ = bodies_ticks(self.ticks)
 
-    def again(self) -> tuple[TickRecord, ObjectRecord]:
+    def again(self) -> tuple[TickRecord, WorldRecord]:
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
