@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hhsim import __version__
-from hhsim.arrays import AnyArray, BoolArray
+from hhsim.arrays import BoolArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import hand_shape
@@ -34,7 +34,7 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.stored_scene import STILL, describe_scene
 from hhsim.replay.summary_table import SummaryRow, summary_rows
-from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.replay.tick_rows import Columns, KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
@@ -137,14 +137,15 @@ class ReplaySummary:
         }
 
 
-class HandRun(HandRows):
-    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
+class HandRun:
+    """Part of a run that is one hand's: its figures; `described` is of the scene, as plain values."""
 
     def __init__(
         self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
     ) -> None:
-        super().__init__(solver, hand, list(bodies))
+        self.solver, self.hand, self._first_body = solver, hand, next(iter(bodies))
         scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
+        self.model = of_hand.model
         self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
         of_method: dict[str, Any] = {}
         if options.method not in METHODS:
@@ -163,16 +164,13 @@ class HandRun(HandRows):
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._body, self._contacts = KeptColumns(), KeptColumns()
 
-    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
-        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
-        given, haptic = self.ticks, HandConfiguration.of(self.ticks).at(ticks)
-        seen, tables = self.rows(ticks, given.time[ticks], given.input_seq[ticks], haptic, record)
+    def keep(self, seen: Columns, tables: Mapping[str, Columns]) -> None:
+        """Keep what the figures need of a block: the hand's columns as the engine sees them, and the file's tables."""
         self._series.keep(seen)
         # What one body that goes as recorded has is its poses alone, which no figure needs.
         if self.solver.seen.free is not None:
-            self._body.keep(tables[f"{BODIES}/{self._names[0]}/{TICK}"])
+            self._body.keep(tables[f"{BODIES}/{self._first_body}/{TICK}"])
             self._contacts.keep({f"{CONTACT}/{name}": of for name, of in tables[CONTACT].items()})
-        return tables
 
     def summary(self) -> ReplaySummary:
         """Compute the table of the run, of datasets of /tick as the object sees them."""

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.metrics.metrics import force_variation_rate, penetration
+from hhsim.metrics.metrics import distance_of_hands, force_variation_rate, penetration
 from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, seen_hand
+from hhsim.solver.scene_solver import SeenScene, seen_hand
+from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
     from hhsim.kernels.world.record import WorldRecord
@@ -76,15 +76,9 @@ class TickColumns:
         record: TickRecord,
         moved: RigidMotion | None,
     ) -> tuple[Columns, Columns]:
-        """Return the columns of the next B ticks in the engine's frame, and in the world.
+        """Return the columns of the next ticks in the engine's frame, whose motion is `moved`, and in the world.
 
-        Args:
-            ticks: Numbers of the ticks among the poses of parts.
-            time: Since the start of the motion [s], shape (B,).
-            input_seq: Number of the input sample in use, shape (B,).
-            haptic: The user's hand, world.
-            record: The solver's output for it, in the engine's frame.
-            moved: Motion of that frame, None where it is the world's.
+        Arguments as of `SceneRows.block`; of a frame that is the world's `moved` is None.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
         if self._parts is None:
@@ -112,41 +106,71 @@ class TickColumns:
         return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
-class HandRows:
-    """Makes the rows of one of a scene's hands, and of the bodies, block after block."""
+class SceneRows:
+    """Makes the rows of all tables of a file, block after block of one run.
 
-    def __init__(self, solver: SceneSolver, hand: int, names: Sequence[str]) -> None:
-        self.solver, self.hand, self._names = solver, hand, names
-        self.model = solver.scene.hands[hand].model
-        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, solver.options, solver.seen.parts)
+    Each hand has what it touches for itself; `names` are those of the bodies in the file.
+    """
+
+    def __init__(
+        self,
+        seen: SeenScene,
+        hands: Sequence[HandModel],
+        surfaces: Sequence[ContactSurface],
+        options: SolverOptions,
+        names: Sequence[str],
+    ) -> None:
+        self.seen, self.hands, self._names = seen, hands, names
+        each = zip(hands, surfaces, strict=True)
+        self._columns = [TickColumns(surface.arrays, hand, options, seen.parts) for hand, surface in each]
+
+    def forget(self) -> None:
+        """Leave the force variation of the next tick undefined, since it follows on none."""
+        for columns in self._columns:
+            columns.forget()
 
     def carried(self, ticks: slice) -> RigidMotion | None:
         """Return the motion of the engine's frame at some ticks where something carries it along."""
-        carrier = self.solver.seen.carrier
+        carrier = self.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
-    def rows(
-        self, ticks: slice, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
-    ) -> tuple[Columns, dict[str, Columns]]:
-        """Return the rows of ticks that were solved last; arguments as of `TickColumns.block`.
+    def block(
+        self,
+        ticks: slice,
+        time: AnyArray,
+        given: Sequence[tuple[AnyArray, HandConfiguration, TickRecord]],
+        free: "tuple[WorldRecord, WorldRecord | None] | None",
+        first: int,
+    ) -> tuple[list[Columns], dict[str, Columns]]:
+        """Return the columns of each hand in the engine's frame, and the tables of the file by their groups, world.
 
-        Those of the hand are in the engine's frame; the tables of the file by their groups in the world.
+        Args:
+            ticks: Numbers of the ticks among the poses of parts.
+            time: Since the start of the motion [s], shape (B,).
+            given: Of each hand, numbers of the input samples, the user's hand, world, and the solver's output for it.
+            free: Ticks of the first free body, and of all if there are several; None without one.
+            first: Number of the first tick in the file.
         """
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
-        seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
-        if seen.free is not None:
-            free = self.solver.object_ticks
-            moved = RigidMotion(free.turn, free.shift)
-            own = free_columns(free, *seen.place)
-            contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))
+        seen, moved, own, every = self.seen, self.carried(ticks), Columns(), None
+        contacts, found, placed = Columns(), list[Columns](), list[tuple[PlacedHand, PlacedHand]]()
+        if free is not None:
+            body, every = free
+            moved, own = RigidMotion(body.turn, body.shift), free_columns(body, *seen.place)
+            contacts = contact_rows(body, first, len(self.hands))
         elif seen.carrier is not None:
             own = seen.carrier.at(ticks)._asdict()
-        of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
-        hand, shown = self._columns.block(ticks, time, input_seq, haptic, record, moved)
-        tables = schema.hand_tables(self.model.side, shown)
-        tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})
-        return hand, {**tables, **of_bodies, schema.CONTACT: contacts}
+        tables = {schema.TICK: Columns(), schema.CONTACT: contacts}
+        tables |= body_rows(seen.parts, every, self._names, ticks, own)
+        for hand, columns, (input_seq, haptic, record) in zip(self.hands, self._columns, given, strict=True):
+            of_frame, shown = columns.block(ticks, time, input_seq, haptic, record, moved)
+            found.append(of_frame)
+            of_ticks, tables = tables[schema.TICK], tables | schema.hand_tables(hand.side, shown)
+            tables[schema.TICK] |= of_ticks
+            graphic = PlacedHand(*(shown[f"graphic/{name}"] for name in PlacedHand._fields))
+            placed.append((forward_kinematics(hand, *haptic), graphic))
+        for column, of_hands in zip(schema.BETWEEN_COLUMNS, zip(*placed)) if len(placed) > 1 else ():
+            tables[schema.TICK][column.name] = distance_of_hands(self.hands, of_hands)
+        return found, tables
 
 
 def body_rows(

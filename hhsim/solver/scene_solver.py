@@ -344,6 +344,11 @@ class SceneSolver(WorldSolver):
         ]
         super().__init__(hands, free, self.seen.others)
 
+    @property
+    def free_ticks(self) -> tuple[WorldRecord, WorldRecord | None] | None:
+        """Ticks of the first free body that were run last, and of all if there are several; None without one."""
+        return None if self.seen.free is None else (self.object_ticks, self.all_ticks)
+
 
 class OneTick:
     """Tick of a scene that is solved again and again, by its machine code, or from Python.
