@@ -23,7 +23,7 @@ from hhsim.metrics.run.registry import run_metrics
 from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import broken_off, how_it_ended, recorded_faults, session_log
 from hhsim.replay.compare import Comparison, compared
-from hhsim.replay.run_inputs import unusual_options
+from hhsim.replay.run_inputs import named_options
 from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import SummaryRow, figure_table, session_rows
 from hhsim.replay.verdict import MISSED, OK, Verdict, result_rows, verdict
@@ -41,7 +41,7 @@ MOST_WORDS = 3
 
 
 def result_labels(results: Sequence[Result]) -> list[str]:
-    """Return a label for each result: its method and, where these differ, object, motion and unusual options.
+    """Return a label for each result: its method and, where these differ, object, motion and options.
 
     Several results have letters, hands of one run their names.
     """
@@ -51,10 +51,9 @@ def result_labels(results: Sequence[Result]) -> list[str]:
     if len(results) == 1:
         return [names[0][2]]
     varied = (*(len({name[part] for name in names}) > 1 for part in (0, 1)), True)
-    options = _telling([_words(result) for result in results])
     labels = [
         ", ".join([" ".join(part for part, differs in zip(name, varied) if differs), *words[:MOST_WORDS]])
-        for name, words in zip(names, options)
+        for name, words in zip(names, _telling(results))
     ]
     return [f"{letter(number)}: {label}" for number, label in enumerate(labels)]
 
@@ -70,18 +69,25 @@ def letter(number: int) -> str:
     return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
 
 
-def _words(result: Result) -> list[str]:
-    """Return how a result was run, but for its method, as far as it is not usual."""
-    side = result.scene.get("hand", {}).get("side", "right")
-    kind = [*(["live session"] if result.live is not None else []), *([f"{side} hand"] if side != "right" else [])]
-    stated = unusual_options(result.scene).items()
-    return kind + [f"{name.replace('_', ' ').replace('.', ' ')} {option_value(name, value)}" for name, value in stated]
+def _kind(result: Result) -> list[str]:
+    """Return whether it is of a session, and of a left hand, in words."""
+    return [*(["live session"] if result.live else []), *(["left hand"] if result.side == "left" else [])]
 
 
-def _telling(words: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return of each result's words those that not every result has."""
-    shared = set(words[0]).intersection(*words) if words else set()
-    return [[word for word in of if word not in shared] for of in words]
+def _telling(results: Sequence[Result]) -> list[list[str]]:
+    """Return in words what tells each result from the first one of its method."""
+    kinds = [_kind(result) for result in results]
+    shared = set(kinds[0]).intersection(*kinds)
+    found, first = list[list[str]](), dict[str, Mapping[str, Any]]()
+    for result, kind in zip(results, kinds):
+        own = named_options(result.scene)
+        usual = first.setdefault(result.method, own)
+        differing = [
+            name for name in own if name not in ("method", "surface", "period") and own[name] != usual.get(name)
+        ]
+        options = [f"{name.replace('_', ' ').replace('.', ' ')} {option_value(name, own[name])}" for name in differing]
+        found.append([word for word in kind if word not in shared] + options)
+    return found
 
 
 @dataclass(frozen=True)
