@@ -113,7 +113,7 @@ class Replay:
 
     def _finish(self, writer: ResultWriter) -> tuple[ReplaySummary, ...]:
         """Compute the tables, write them, and complete the file."""
-        summaries = {run.model.side: run.summary() for run in self.runs}
+        summaries = {run.model.side: run.summary(of) for run, of in zip(self.runs, self._rows.touched)}
         of_hands = {side: summary.attributes() for side, summary in summaries.items()}
         shared = {name: value for of in of_hands.values() for name, value in of.items() if not _is_of_hand(name)}
         own: dict[str, dict[str, float | int]] = {

@@ -18,8 +18,6 @@ import numpy as np
 from hhsim import __version__
 from hhsim.arrays import BoolArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
@@ -172,8 +170,8 @@ class HandRun:
             self._body.keep(tables[f"{BODIES}/{self._first_body}/{TICK}"])
             self._contacts.keep({f"{CONTACT}/{name}": of for name, of in tables[CONTACT].items()})
 
-    def summary(self) -> ReplaySummary:
-        """Compute the table of the run, of datasets of /tick as the object sees them."""
+    def summary(self, touched: TouchedObject) -> ReplaySummary:
+        """Compute the table of the run, of datasets of /tick as the object that was touched sees them."""
         solver, seen, options, surface = self.solver, self.solver.seen, self.solver.options, self._surface
         scene, parts, free = solver.scene, seen.parts, None
         if seen.free is not None:
@@ -182,8 +180,6 @@ class HandRun:
             properties, stiffness = seen.free.properties(scene.plane), options.stiffness.diagonal()
             of_body = properties, first, stiffness, options.offset, bool(seen.beside)
             free = FreeRun(self._body, contacts, *of_body)
-        fingers = np.array([finger in options.fingers for finger in FINGERS])
-        touched = seen.mesh, surface.arrays, hand_shape(self.model), fingers, options.touch, parts, options.surface
         run = RunTicks(
             columns=self._series,
             ticks=scene.ticks.tick_count,
@@ -191,7 +187,7 @@ class HandRun:
             rate=scene.ticks.rate,
             fingers=len(options.fingers),
             all_pairs=all_pairs(self.model, seen.tree),
-            touched=TouchedObject(*touched),
+            touched=touched,
             hand=self.model,
             free=free,
             modelled=options.fingers,

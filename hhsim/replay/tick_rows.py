@@ -4,7 +4,7 @@ They are the solver's record, and what is measured from it apart from the solver
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +13,10 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.metrics.metrics import distance_of_hands, force_variation_rate, penetration
-from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.metrics.metrics import distance_of_hands, force_variation_rate
+from hhsim.metrics.moving_parts import TouchedObject
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
@@ -50,16 +49,13 @@ class KeptColumns:
 
 
 class TickColumns:
-    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
+    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS` of a hand, block after block of one run.
 
-    `surface` is that of the body, world; `parts` are several bodies, in place of it. Fingers that the
-    options leave out have no penetration.
+    Fingers that the options leave out have no penetration.
     """
 
-    def __init__(self, surface: Any, hand: HandModel, options: SolverOptions, parts: MovingParts | None = None) -> None:
-        self._surface, self._shape = surface, hand_shape(hand)
-        self._parts, self._kind = parts, options.surface
-        self._fingers = np.array([finger in options.fingers for finger in FINGERS])
+    def __init__(self, touched: TouchedObject) -> None:
+        self._touched = touched
         self.forget()
 
     def forget(self) -> None:
@@ -81,10 +77,7 @@ class TickColumns:
         Arguments as of `SceneRows.block`; of a frame that is the world's `moved` is None.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
-        if self._parts is None:
-            depth = penetration(self._surface, self._shape, placed, self._fingers)
-        else:
-            depth = self._parts.penetration(self._kind, self._shape, placed, self._fingers, ticks)
+        depth = self._touched.penetration(placed, ticks)
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]
@@ -121,8 +114,11 @@ class SceneRows:
         names: Sequence[str],
     ) -> None:
         self.seen, self.hands, self._names = seen, hands, names
-        each = zip(hands, surfaces, strict=True)
-        self._columns = [TickColumns(surface.arrays, hand, options, seen.parts) for hand, surface in each]
+        fingers = np.array([finger in options.fingers for finger in FINGERS])
+        how = fingers, options.touch, seen.parts, options.surface
+        each = zip(surfaces, hands, strict=True)
+        self.touched = [TouchedObject(seen.mesh, of.arrays, hand_shape(hand), *how) for of, hand in each]
+        self._columns = [TickColumns(touched) for touched in self.touched]
 
     def forget(self) -> None:
         """Leave the force variation of the next tick undefined, since it follows on none."""
@@ -151,16 +147,12 @@ class SceneRows:
             free: Ticks of the first free body, and of all if there are several; None without one.
             first: Number of the first tick in the file.
         """
-        seen, moved, own, every = self.seen, self.carried(ticks), Columns(), None
-        contacts, found, placed = Columns(), list[Columns](), list[tuple[PlacedHand, PlacedHand]]()
+        moved, found, placed = self.carried(ticks), list[Columns](), list[tuple[PlacedHand, PlacedHand]]()
+        tables = {schema.TICK: Columns(), schema.CONTACT: Columns()}
+        tables |= body_rows(self.seen, free, self._names, ticks)
         if free is not None:
-            body, every = free
-            moved, own = RigidMotion(body.turn, body.shift), free_columns(body, *seen.place)
-            contacts = contact_rows(body, first, len(self.hands))
-        elif seen.carrier is not None:
-            own = seen.carrier.at(ticks)._asdict()
-        tables = {schema.TICK: Columns(), schema.CONTACT: contacts}
-        tables |= body_rows(seen.parts, every, self._names, ticks, own)
+            moved = RigidMotion(free[0].turn, free[0].shift)
+            tables[schema.CONTACT] = contact_rows(free[0], first, len(self.hands))
         for hand, columns, (input_seq, haptic, record) in zip(self.hands, self._columns, given, strict=True):
             of_frame, shown = columns.block(ticks, time, input_seq, haptic, record, moved)
             found.append(of_frame)
@@ -174,45 +166,44 @@ class SceneRows:
 
 
 def body_rows(
-    parts: MovingParts | None, record: "WorldRecord | None", names: Sequence[str], ticks: slice, own: Columns
+    seen: SeenScene, free: "tuple[WorldRecord, WorldRecord | None] | None", names: Sequence[str], ticks: slice
 ) -> dict[str, Columns]:
-    """Return the rows of all bodies by their groups in the file.
+    """Return the rows of all bodies by their groups in the file; `free` as of `SceneRows.block`.
 
-    `own` has the columns of the only body, of the first free one, or of the frame that carries several. `record` has
-    the ticks of several bodies of which some are free; it is written to `parts.world`, too, for the measures of depth.
+    Where one of several is free, their poses are written to `seen.parts.world`, too, for the measures of depth.
     """
-    if parts is None:
-        return {f"{schema.BODIES}/{names[0]}/{schema.TICK}": own}
-    if record is None:
-        rows: dict[str, Columns] = {schema.TICK: {f"frame/{name}": values for name, values in own.items()}}
+    parts, groups = seen.parts, [f"{schema.BODIES}/{name}/{schema.TICK}" for name in names]
+    if free is None:
+        carried = {} if seen.carrier is None else seen.carrier.at(ticks)._asdict()
+        if parts is None:
+            return {groups[0]: carried}
+        rows = {schema.TICK: {f"frame/{name}": values for name, values in carried.items()}}
         for p, name in enumerate(parts.names):
             joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
-            rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = pose | joint
+            rows[groups[p]] = pose | joint
         return rows
-    begun, rows = RigidMotion(record.turn[0], record.shift[0]), {}
-    for k, (name, body) in enumerate(zip(parts.names, record.bodies, strict=True)):
-        parts.world[ticks, k, :3] = begun.seen_points(body.shift)
-        parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
+    first, every = free
+    moved, rows = RigidMotion(first.turn, first.shift), {}
+    if parts is None or every is None:
+        position, orientation = (np.tile(of, (len(first.turn), 1)) for of in seen.place)
+        pose = {"position": moved.points(position), "orientation": moved.orientations(orientation)}
+        return {groups[0]: pose | _taken(first, (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS))}
+    for k, (name, body) in enumerate(zip(parts.names, every.bodies, strict=True)):
+        parts.world[ticks, k, :3] = moved.seen_points(body.shift)
+        parts.world[ticks, k, 3:] = moved.seen_orientations(body.turn)
         columns = {"position": body.shift, "orientation": body.turn}
-        fields = body._asdict()
-        columns |= {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, schema.OF_BODIES)}
-        columns |= {column.name: own[column.name] for column in schema.FREE_COLUMNS if k == 0}
+        columns |= _taken(body, (*schema.MOTION_COLUMNS, schema.OF_BODIES, *(schema.FREE_COLUMNS if k == 0 else ())))
         if name in parts.driven:
             to = parts.driven[name].at(ticks)
             columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
-        rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = columns
+        rows[groups[k]] = columns
     return rows
 
 
-def free_columns(ticks: "WorldRecord", position: AnyArray, orientation: AnyArray) -> Columns:
-    """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
-    moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
-    places = moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3)))
-    turns = quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4)))
-    fields = ticks._asdict()
-    pose = ObjectMotion(places, turns)._asdict()
-    return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
+def _taken(record: "WorldRecord", columns: Iterable[schema.Column]) -> Columns:
+    fields = record._asdict()
+    return {column.name: column.taken(fields) for column in columns}
 
 
 def contact_rows(ticks: "WorldRecord", first: int, hands: int) -> Columns:

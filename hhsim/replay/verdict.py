@@ -75,7 +75,7 @@ def run_verdict(
         contact = f"More than half of the ticks are stuck: the shown hand does not follow the user's. {contact}".strip()
     stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
     assumed = [f"{text[:1].upper()}{text[1:]}." for text in repairs if text.startswith(ASSUMED_SOLID)]
-    parts = [stopped, contact, *assumed, _speed(figures, ticks)]
+    parts = [stopped, contact, *assumed]
     if late:
         parts.append(f"{late:,} periods of the session had no tick at all, beside the {ticks:,} that had one.")
     if missed:
@@ -109,18 +109,6 @@ def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool
     if depth.shown == depth.figure.shown(0.0):
         return f"The shown hand stays out of the object's {surface} in every tick.", True
     return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's {surface}.", True
-
-
-def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:
-    p50, p99, over = (figures.get(name) for name in ("tick_cpu_p50", "tick_cpu_p99", "tick_wall_over_1ms"))
-    if p50 is None or p99 is None or math.isnan(p50.value):
-        return ""
-    text = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
-    if over is None or math.isnan(over.value):
-        return f"{text}."
-    late = round(0.01 * over.value * ticks)
-    count = f"{late:,}" if late else "none"
-    return f"{text}; {count} of {ticks:,} ticks took more than 1 ms by the wall clock."
 
 
 def over_limit(row: SummaryRow, limit: float) -> str:
