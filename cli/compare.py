@@ -38,26 +38,21 @@ def command(
     from hhsim.replay.compare import compare, compared
     from hhsim.replay.summary import stored_times
     from hhsim.replay.summary_table import short_table, whole_table
-    from hhsim.replay.verdict import checked_figures, read_ticks, verdict
+    from hhsim.replay.verdict import result_rows, verdict
     from hhsim.result.reader import load_hand
 
     of_a, _, of_b = (sides or "").partition(",")
     results = [load_hand(base, of_a), load_hand(head, of_b or of_a)]
     found = compare(*results)
-    found_tables = [checked_figures(result, read_ticks(result)) for result in results]
-    tables = [table.rows for table in found_tables]
+    tables = [result_rows(result) for result in results]
     verdicts = [verdict(result, rows) for result, rows in zip(results, tables)]
     ours = {row.name: row for row in tables[0]}
     # A figure of one result alone is a difference too.
     either = {row.name for table in tables for row in whole_table(table)}
     shared = [row for row in tables[1] if row.name in ours and row.name in either]
     rows = [(ours[row.name], row, compared(ours[row.name], row, found)) for row in shared]
-    parts: list[Part] = []
-    for letter, path, each, whose in zip("AB", (base, head), verdicts, found_tables):
-        parts.append(f"{letter}: {path}: {each.line}")
-        if whose.misstated:
-            parts.append(f"{letter}: {whose.misstated}")
-    parts.append(found.sentence())
+    lines = (f"{letter}: {path}: {each.line}" for letter, path, each in zip("AB", (base, head), verdicts))
+    parts: list[Part] = [*lines, found.sentence()]
     for letter, result, table in zip("AB", results, tables):
         if result.repeated:
             kept = {row.name for row in short_table(table)}

@@ -81,16 +81,6 @@ class MovingParts:
         """Surfaces so far by their kind: they live as long as the parts."""
         return {}
 
-    def penetration(
-        self, kind: str, shape: HandShape, hand: PlacedHand, fingers: BoolArray, ticks: slice
-    ) -> Penetration:
-        """Compute depths in the part that a hand is deepest in, as `hhsim.metrics.metrics.penetration`."""
-        depths = [
-            penetration(part.arrays, shape, self.motion(p, ticks).seen_hand(hand), fingers)
-            for p, part in enumerate(self.surfaces(kind))
-        ]
-        return Penetration(*(np.max(values, axis=0) for values in zip(*depths)))
-
 
 @dataclass(frozen=True, eq=False)
 class TouchedObject:
@@ -115,9 +105,11 @@ class TouchedObject:
 
     def penetration(self, placed: PlacedHand, ticks: slice = slice(None)) -> Penetration:
         """Depths of the hand at some ticks, in its deepest part, as `hhsim.metrics.metrics.penetration`."""
-        if self.parts is not None:
-            return self.parts.penetration(self.kind, self.shape, placed, self.fingers, ticks)
-        return penetration(self.surface, self.shape, placed, self.fingers)
+        depths = []
+        for _, surface, motion in self._pieces:
+            seen = placed if motion is None else motion.at(ticks).seen_hand(placed)
+            depths.append(penetration(surface, self.shape, seen, self.fingers))
+        return Penetration(*(np.max(values, axis=0) for values in zip(*depths)))
 
     def input_hand(self, hand: HandModel, haptic: HandConfiguration, shown: PlacedHand, *ticks: BoolArray) -> InputHand:
         """See `hhsim.metrics.input_hand.input_hand`; of parts the depth is the deepest one's, and `free` is NaN."""

@@ -12,7 +12,7 @@ from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import result_scene, stored_options
-from hhsim.replay.tick_rows import HandRows
+from hhsim.replay.tick_rows import SceneRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
 from hhsim.solver.method import METHODS, find_method
@@ -184,7 +184,8 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
     needs_no_poses = [body.kind for body in result.bodies.values()] in (["fixed"], ["free"])
     solver = SceneSolver(result_scene(hands, CHUNK_TICKS if needs_no_poses else None), options)
     with interruptible_between() as check_interrupt:
-        rows = [HandRows(solver, hand, list(result.bodies)) for hand in range(len(hands))]
+        models = [hand.model for hand in solver.scene.hands]
+        rows = SceneRows(solver.seen, models, solver.surfaces, solver.options, list(result.bodies))
         every = zip(hands[0].blocks(of_bodies), *(hand.blocks(names) for hand in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
         run = OneTick(solver).run if hands[0].live is not None else lambda haptic: solver.run(*haptic)
@@ -195,13 +196,11 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
             haptic = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in given
             ]
-            records = run([seen_hand(hand, of.carried(ticks)) for hand, of in zip(haptic, rows)])
-            stored: dict[str, dict[str, AnyArray]] = {}
-            computed: dict[str, dict[str, AnyArray]] = {}
-            # Bodies and contacts are those of the first hand.
-            for of, block, user, record in reversed([*zip(rows, given, haptic, records, strict=True)]):
-                stored[f"{schema.HANDS}/{of.model.side}/{schema.TICK}"] = block
-                computed |= of.rows(ticks, block["time"], block["input_seq"], user, record)[1]
+            records = run([seen_hand(hand, rows.carried(ticks)) for hand in haptic])
+            numbers = [block["input_seq"] for block in given]
+            of_hands = [*zip(numbers, haptic, records, strict=True)]
+            computed = rows.block(ticks, given[0]["time"], of_hands, solver.free_ticks, first)[1]
+            stored = {f"{schema.HANDS}/{hand.side}/{schema.TICK}": block for hand, block in zip(models, given)}
             for group, compared in arrays.items():
                 if group == schema.CONTACT:
                     _compare_contacts(result, ticks, computed[group], compared)

@@ -13,16 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, FloatArray
-from hhsim.errors import InputError
+from hhsim.arrays import AnyArray
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import SIDES
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.metrics.metrics import distance_of_hands
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.replay.stored_scene import body_parts, hand_arrays
 from hhsim.replay.summary import HandRun, ReplaySummary
+from hhsim.replay.tick_rows import KeptColumns, SceneRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
@@ -66,8 +65,10 @@ class Replay:
             described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._models, self._graphic_distances = [run.model for run in self.runs], list[FloatArray]()
-        self._tick_durations = list[AnyArray]()
+        self._rows = SceneRows(
+            solver.seen, [run.model for run in self.runs], solver.surfaces, solver.options, list(self.bodies)
+        )
+        self._between, self._durations = KeptColumns(column.name for column in schema.BETWEEN_COLUMNS), list[AnyArray]()
 
     def into(
         self, path: Path, command: Sequence[str] = (), progress: Progress | None = None
@@ -75,8 +76,6 @@ class Replay:
         """Solve all ticks, write the file, and return the table of each hand."""
         scene, seen, both, report = self.solver.scene, self.solver.seen, len(self.runs) > 1, progress or silent
         total = scene.ticks.tick_count
-        haptic = [forward_kinematics(hand.model, *HandConfiguration.of(hand.ticks)) for hand in scene.hands if both]
-        self._haptic_distance = distance_of_hands(self._models, haptic) if both else np.zeros(0)
         carried = seen.parts is not None and seen.carrier is not None
         frame = [
             replace(column, name=f"{schema.FRAME.partition('/')[2]}/{column.name}") for column in schema.POSE_COLUMNS
@@ -93,34 +92,28 @@ class Replay:
                 for first in range(0, total, CHUNK_TICKS):
                     report("ticks", first, total)
                     ticks = slice(first, min(first + CHUNK_TICKS, total))
-                    writer.append(self._rows(ticks, self.solver.run(*(hand.at(ticks) for hand in seen.haptic))))
+                    writer.append(self._tables(ticks, self.solver.run(*(hand.at(ticks) for hand in seen.haptic))))
                     check_interrupt()
                 report("ticks", total, total)
             return self._finish(writer)
 
-    def _rows(self, ticks: slice, records: Sequence[TickRecord]) -> dict[str, dict[str, AnyArray]]:
-        """Return the rows of the ticks that were solved last: what both hands say of bodies and contacts once."""
-        of_hands = [run.tables(ticks, record) for run, record in zip(self.runs, records)]
-        tables: dict[str, dict[str, AnyArray]] = {}
-        # Both hands have rows of the time, bodies and contacts; the first hand's are written, so they are merged last.
-        for rows in reversed(of_hands):
-            tables |= rows
-        if len(of_hands) > 1:
-            placed = [
-                PlacedHand(*(of[f"graphic/{name}"] for name in ("joints", "position", "orientation")))
-                for of in (tables[f"{schema.HANDS}/{run.model.side}/{schema.TICK}"] for run in self.runs)
-            ]
-            self._graphic_distances.append(distance_of_hands(self._models, placed))
-            self._tick_durations.append(np.maximum(*(record.duration_total for record in records)))
-            between = self._haptic_distance[ticks], self._graphic_distances[-1]
-            tables[schema.TICK] |= {
-                column.name: values for column, values in zip(schema.BETWEEN_COLUMNS, between, strict=True)
-            }
+    def _tables(self, ticks: slice, records: Sequence[TickRecord]) -> dict[str, dict[str, AnyArray]]:
+        """Return the rows of the ticks that were solved last, and keep what the figures need of them."""
+        if not all(np.isfinite(record.joints).all() for record in records):
+            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
+        own = [run.ticks for run in self.runs]
+        given = [(of.input_seq[ticks], HandConfiguration.of(of).at(ticks), record) for of, record in zip(own, records)]
+        seen, tables = self._rows.block(ticks, own[0].time[ticks], given, self.solver.free_ticks, ticks.start)
+        for run, columns in zip(self.runs, seen):
+            run.keep(columns, tables)
+        if len(records) > 1:
+            self._between.keep(tables[schema.TICK])
+            self._durations.append(np.maximum(*(record.duration_total for record in records)))
         return tables
 
     def _finish(self, writer: ResultWriter) -> tuple[ReplaySummary, ...]:
         """Compute the tables, write them, and complete the file."""
-        summaries = {run.model.side: run.summary() for run in self.runs}
+        summaries = {run.model.side: run.summary(of) for run, of in zip(self.runs, self._rows.touched)}
         of_hands = {side: summary.attributes() for side, summary in summaries.items()}
         shared = {name: value for of in of_hands.values() for name, value in of.items() if not _is_of_hand(name)}
         own: dict[str, dict[str, float | int]] = {
@@ -137,9 +130,9 @@ class Replay:
         Times of a tick of both, side by side the longer one's [s], and least distances of the haptic and of the graphic
         hands from each other [m], negative where one is in the other.
         """
-        times = 1e-9 * np.concatenate(self._tick_durations)
+        times = 1e-9 * np.concatenate(self._durations)
         p50, p99 = (float(np.quantile(times, share)) for share in (0.5, 0.99))
-        haptic, graphic = (float(np.min(of)) for of in (self._haptic_distance, np.concatenate(self._graphic_distances)))
+        haptic, graphic = (float(np.min(self._between[column.name])) for column in schema.BETWEEN_COLUMNS)
         return {"tick_p50": p50, "tick_p99": p99, "haptic_distance": haptic, "graphic_distance": graphic}
 
     @property

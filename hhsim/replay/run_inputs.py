@@ -12,13 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hhsim.errors import HhsimError
-from hhsim.mesh.catalogue import usual_level
 from hhsim.result.body import Body
 from hhsim.result.reader import Result
 from hhsim.result.schema import BODIES
-from hhsim.solver.method import names_code
-from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.system.plain_json import plain_json
 
 TOLERANCE = 1e-7
@@ -69,16 +65,13 @@ def run_inputs(result: Result) -> RunInputs:
         | {"free object": "yes" if result.body.is_free else "no"}
         | free
     )
-    solver: dict[str, Any] = {}
-    for name, value in scene["solver"].items():
-        solver |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
     return RunInputs(
         schema=result.schema_version,
         mesh=str(scene.get("object_mesh") or scene["checksums"][f"{BODIES}/{result.body.name}"]),
         ticks=result.ticks,
         spheres=int(scene["object_spheres"]),
         options=options,
-        solver=solver,
+        solver=_solver_options(scene),
         tree=tuple(value for body in result.bodies.values() for value in _moments(body)),
         hand=_sums(result.static[name] for name in HAND),
         motion=_sums(result[name] for name in MOTION),
@@ -150,31 +143,17 @@ def tick_digest(result: Result) -> str:
 
 
 OF_THE_SCENE = ("level", "max_error", "rate", "samples", "seed", "ticks", "tremor_mm_deg", "hand_file")
-"""Options of the scene that are named; the level where it is not the object's own."""
-USUAL_SCENE: dict[str, Any] = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
-"""Defaults of a scene; the level's default depends on the object."""
+"""Options of the scene that tell runs apart."""
 
 
-def unusual_options(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of a scene by name that are not usual, in order; of the stiffness as `stiffness.name`."""
-    solver = dict(scene.get("solver", {}))
-    usual_scene = {**USUAL_SCENE, "level": usual_level(str(scene.get("object") or ""))}
-    stated = {name: scene[name] for name in OF_THE_SCENE if scene.get(name) is not None}
-    found = {name: value for name, value in stated.items() if usual_scene.get(name) != value}
-    try:
-        method, surface = str(solver.get("method", "coupled")), str(solver.get("surface", "spheres"))
-        # A class from outside has the usual defaults: to read a result imports no code that it names.
-        options = SolverOptions(method="coupled" if names_code(method) else method, surface=surface)
-    except HhsimError:
-        # The method is not installed here, or unknown: the defaults of the others.
-        options = SolverOptions()
-    plain = options.at_rate(float(scene.get("rate") or USUAL_SCENE["rate"])).to_json()
-    usual = _flat({**plain, "fingers": list(plain["fingers"]), "stiffness": dict(vars(Stiffness()))})
-    told = {name: value for name, value in _flat(solver).items() if value != usual.get(name)}
-    return found | {name: value for name, value in told.items() if name not in ("method", "surface", "period")}
+def named_options(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a run by name, in order: of its scene, and of its solver."""
+    return {name: scene.get(name) for name in OF_THE_SCENE} | _solver_options(scene)
 
 
-def _flat(options: Mapping[str, Any]) -> dict[str, Any]:
-    stiffness = options.get("stiffness", {})
-    rest = {name: value for name, value in options.items() if name != "stiffness"}
-    return rest | {f"stiffness.{name}": value for name, value in stiffness.items()}
+def _solver_options(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a run's solver by name; those of the stiffness as `stiffness.name`."""
+    found: dict[str, Any] = {}
+    for name, value in scene["solver"].items():
+        found |= {f"{name}.{key}": v for key, v in value.items()} if isinstance(value, dict) else {name: value}
+    return found

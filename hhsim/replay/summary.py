@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 
 from hhsim import __version__
-from hhsim.arrays import AnyArray, BoolArray
+from hhsim.arrays import BoolArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_INPUT_INVALID, STATUS_NO_PLACE, STATUS_START_INSIDE
@@ -34,7 +32,7 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
 from hhsim.replay.stored_scene import STILL, describe_scene
 from hhsim.replay.summary_table import SummaryRow, summary_rows
-from hhsim.replay.tick_rows import HandRows, KeptColumns
+from hhsim.replay.tick_rows import Columns, KeptColumns
 from hhsim.replay.verdict import Verdict, run_verdict
 from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
@@ -137,14 +135,15 @@ class ReplaySummary:
         }
 
 
-class HandRun(HandRows):
-    """Part of a run that is one hand's: its rows and figures; `described` is of the scene, as plain values."""
+class HandRun:
+    """Part of a run that is one hand's: its figures; `described` is of the scene, as plain values."""
 
     def __init__(
         self, solver: SceneSolver, hand: int, bodies: Mapping[str, Body], described: Mapping[str, Any]
     ) -> None:
-        super().__init__(solver, hand, list(bodies))
+        self.solver, self.hand, self._first_body = solver, hand, next(iter(bodies))
         scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
+        self.model = of_hand.model
         self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
         of_method: dict[str, Any] = {}
         if options.method not in METHODS:
@@ -163,19 +162,16 @@ class HandRun(HandRows):
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._body, self._contacts = KeptColumns(), KeptColumns()
 
-    def tables(self, ticks: slice, record: TickRecord) -> dict[str, dict[str, AnyArray]]:
-        """Keep what the table needs of ticks that were solved last, and return their rows of the file, world."""
-        given, haptic = self.ticks, HandConfiguration.of(self.ticks).at(ticks)
-        seen, tables = self.rows(ticks, given.time[ticks], given.input_seq[ticks], haptic, record)
+    def keep(self, seen: Columns, tables: Mapping[str, Columns]) -> None:
+        """Keep what the figures need of a block: the hand's columns as the engine sees them, and the file's tables."""
         self._series.keep(seen)
         # What one body that goes as recorded has is its poses alone, which no figure needs.
         if self.solver.seen.free is not None:
-            self._body.keep(tables[f"{BODIES}/{self._names[0]}/{TICK}"])
+            self._body.keep(tables[f"{BODIES}/{self._first_body}/{TICK}"])
             self._contacts.keep({f"{CONTACT}/{name}": of for name, of in tables[CONTACT].items()})
-        return tables
 
-    def summary(self) -> ReplaySummary:
-        """Compute the table of the run, of datasets of /tick as the object sees them."""
+    def summary(self, touched: TouchedObject) -> ReplaySummary:
+        """Compute the table of the run, of datasets of /tick as the object that was touched sees them."""
         solver, seen, options, surface = self.solver, self.solver.seen, self.solver.options, self._surface
         scene, parts, free = solver.scene, seen.parts, None
         if seen.free is not None:
@@ -184,8 +180,6 @@ class HandRun(HandRows):
             properties, stiffness = seen.free.properties(scene.plane), options.stiffness.diagonal()
             of_body = properties, first, stiffness, options.offset, bool(seen.beside)
             free = FreeRun(self._body, contacts, *of_body)
-        fingers = np.array([finger in options.fingers for finger in FINGERS])
-        touched = seen.mesh, surface.arrays, hand_shape(self.model), fingers, options.touch, parts, options.surface
         run = RunTicks(
             columns=self._series,
             ticks=scene.ticks.tick_count,
@@ -193,7 +187,7 @@ class HandRun(HandRows):
             rate=scene.ticks.rate,
             fingers=len(options.fingers),
             all_pairs=all_pairs(self.model, seen.tree),
-            touched=TouchedObject(*touched),
+            touched=touched,
             hand=self.model,
             free=free,
             modelled=options.fingers,

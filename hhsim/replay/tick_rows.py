@@ -4,29 +4,28 @@ They are the solver's record, and what is measured from it apart from the solver
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhsim.arrays import AnyArray
-from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.hand.quaternion import quaternion_product
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.metrics.metrics import force_variation_rate, penetration
-from hhsim.metrics.moving_parts import MovingParts
-from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.metrics.metrics import distance_of_hands, force_variation_rate
+from hhsim.metrics.moving_parts import TouchedObject
+from hhsim.motion.trajectory import RigidMotion
 from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, seen_hand
+from hhsim.solver.scene_solver import SeenScene, seen_hand
+from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
-    from hhsim.kernels.world.record import BodiesRecord, ObjectRecord
+    from hhsim.kernels.world.record import WorldRecord
 
 Columns = dict[str, AnyArray]
 
@@ -50,16 +49,13 @@ class KeptColumns:
 
 
 class TickColumns:
-    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS`, block after block of one run.
+    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS` of a hand, block after block of one run.
 
-    `surface` is that of the body, world; `parts` are several bodies, in place of it. Fingers that the
-    options leave out have no penetration.
+    Fingers that the options leave out have no penetration.
     """
 
-    def __init__(self, surface: Any, hand: HandModel, options: SolverOptions, parts: MovingParts | None = None) -> None:
-        self._surface, self._shape = surface, hand_shape(hand)
-        self._parts, self._kind = parts, options.surface
-        self._fingers = np.array([finger in options.fingers for finger in FINGERS])
+    def __init__(self, touched: TouchedObject) -> None:
+        self._touched = touched
         self.forget()
 
     def forget(self) -> None:
@@ -76,21 +72,12 @@ class TickColumns:
         record: TickRecord,
         moved: RigidMotion | None,
     ) -> tuple[Columns, Columns]:
-        """Return the columns of the next B ticks in the engine's frame, and in the world.
+        """Return the columns of the next ticks in the engine's frame, whose motion is `moved`, and in the world.
 
-        Args:
-            ticks: Numbers of the ticks among the poses of parts.
-            time: Since the start of the motion [s], shape (B,).
-            input_seq: Number of the input sample in use, shape (B,).
-            haptic: The user's hand, world.
-            record: The solver's output for it, in the engine's frame.
-            moved: Motion of that frame, None where it is the world's.
+        Arguments as of `SceneRows.block`; of a frame that is the world's `moved` is None.
         """
         placed = PlacedHand(record.joints, record.position, record.orientation)
-        if self._parts is None:
-            depth = penetration(self._surface, self._shape, placed, self._fingers)
-        else:
-            depth = self._parts.penetration(self._kind, self._shape, placed, self._fingers, ticks)
+        depth = self._touched.penetration(placed, ticks)
         total = np.concatenate([self._total, record.total])
         finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
         self._total, self._finger = total[-1:], finger[-1:]
@@ -112,85 +99,114 @@ class TickColumns:
         return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
-class HandRows:
-    """Makes the rows of one of a scene's hands, and of the bodies, block after block."""
+class SceneRows:
+    """Makes the rows of all tables of a file, block after block of one run.
 
-    def __init__(self, solver: SceneSolver, hand: int, names: Sequence[str]) -> None:
-        self.solver, self.hand, self._names = solver, hand, names
-        self.model = solver.scene.hands[hand].model
-        self._columns = TickColumns(solver.surfaces[hand].arrays, self.model, solver.options, solver.seen.parts)
+    Each hand has what it touches for itself; `names` are those of the bodies in the file.
+    """
+
+    def __init__(
+        self,
+        seen: SeenScene,
+        hands: Sequence[HandModel],
+        surfaces: Sequence[ContactSurface],
+        options: SolverOptions,
+        names: Sequence[str],
+    ) -> None:
+        self.seen, self.hands, self._names = seen, hands, names
+        fingers = np.array([finger in options.fingers for finger in FINGERS])
+        how = fingers, options.touch, seen.parts, options.surface
+        each = zip(surfaces, hands, strict=True)
+        self.touched = [TouchedObject(seen.mesh, of.arrays, hand_shape(hand), *how) for of, hand in each]
+        self._columns = [TickColumns(touched) for touched in self.touched]
+
+    def forget(self) -> None:
+        """Leave the force variation of the next tick undefined, since it follows on none."""
+        for columns in self._columns:
+            columns.forget()
 
     def carried(self, ticks: slice) -> RigidMotion | None:
         """Return the motion of the engine's frame at some ticks where something carries it along."""
-        carrier = self.solver.seen.carrier
+        carrier = self.seen.carrier
         return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
 
-    def rows(
-        self, ticks: slice, time: AnyArray, input_seq: AnyArray, haptic: HandConfiguration, record: TickRecord
-    ) -> tuple[Columns, dict[str, Columns]]:
-        """Return the rows of ticks that were solved last; arguments as of `TickColumns.block`.
+    def block(
+        self,
+        ticks: slice,
+        time: AnyArray,
+        given: Sequence[tuple[AnyArray, HandConfiguration, TickRecord]],
+        free: "tuple[WorldRecord, WorldRecord | None] | None",
+        first: int,
+    ) -> tuple[list[Columns], dict[str, Columns]]:
+        """Return the columns of each hand in the engine's frame, and the tables of the file by their groups, world.
 
-        Those of the hand are in the engine's frame; the tables of the file by their groups in the world.
+        Args:
+            ticks: Numbers of the ticks among the poses of parts.
+            time: Since the start of the motion [s], shape (B,).
+            given: Of each hand, numbers of the input samples, the user's hand, world, and the solver's output for it.
+            free: Ticks of the first free body, and of all if there are several; None without one.
+            first: Number of the first tick in the file.
         """
-        if not np.isfinite(record.joints).all():
-            raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
-        seen, moved, own, contacts = self.solver.seen, self.carried(ticks), Columns(), Columns()
-        if seen.free is not None:
-            free = self.solver.object_ticks
-            moved = RigidMotion(free.turn, free.shift)
-            own = free_columns(free, *seen.place)
-            contacts = contact_rows(free, ticks.start, len(self.solver.scene.hands))
-        elif seen.carrier is not None:
-            own = seen.carrier.at(ticks)._asdict()
-        of_bodies = body_rows(seen.parts, self.solver.all_ticks, self._names, ticks, own)
-        hand, shown = self._columns.block(ticks, time, input_seq, haptic, record, moved)
-        tables = schema.hand_tables(self.model.side, shown)
-        tables[schema.TICK] |= of_bodies.pop(schema.TICK, {})
-        return hand, {**tables, **of_bodies, schema.CONTACT: contacts}
+        moved, found, placed = self.carried(ticks), list[Columns](), list[tuple[PlacedHand, PlacedHand]]()
+        tables = {schema.TICK: Columns(), schema.CONTACT: Columns()}
+        tables |= body_rows(self.seen, free, self._names, ticks)
+        if free is not None:
+            moved = RigidMotion(free[0].turn, free[0].shift)
+            tables[schema.CONTACT] = contact_rows(free[0], first, len(self.hands))
+        for hand, columns, (input_seq, haptic, record) in zip(self.hands, self._columns, given, strict=True):
+            of_frame, shown = columns.block(ticks, time, input_seq, haptic, record, moved)
+            found.append(of_frame)
+            of_ticks, tables = tables[schema.TICK], tables | schema.hand_tables(hand.side, shown)
+            tables[schema.TICK] |= of_ticks
+            graphic = PlacedHand(*(shown[f"graphic/{name}"] for name in PlacedHand._fields))
+            placed.append((forward_kinematics(hand, *haptic), graphic))
+        for column, of_hands in zip(schema.BETWEEN_COLUMNS, zip(*placed)) if len(placed) > 1 else ():
+            tables[schema.TICK][column.name] = distance_of_hands(self.hands, of_hands)
+        return found, tables
 
 
 def body_rows(
-    parts: MovingParts | None, record: "BodiesRecord | None", names: Sequence[str], ticks: slice, own: Columns
+    seen: SeenScene, free: "tuple[WorldRecord, WorldRecord | None] | None", names: Sequence[str], ticks: slice
 ) -> dict[str, Columns]:
-    """Return the rows of all bodies by their groups in the file.
+    """Return the rows of all bodies by their groups in the file; `free` as of `SceneRows.block`.
 
-    `own` has the columns of the only body, of the first free one, or of the frame that carries several. `record` has
-    the ticks of several bodies of which some are free; it is written to `parts.world`, too, for the measures of depth.
+    Where one of several is free, their poses are written to `seen.parts.world`, too, for the measures of depth.
     """
-    if parts is None:
-        return {f"{schema.BODIES}/{names[0]}/{schema.TICK}": own}
-    if record is None:
-        rows: dict[str, Columns] = {schema.TICK: {f"frame/{name}": values for name, values in own.items()}}
+    parts, groups = seen.parts, [f"{schema.BODIES}/{name}/{schema.TICK}" for name in names]
+    if free is None:
+        carried = {} if seen.carrier is None else seen.carrier.at(ticks)._asdict()
+        if parts is None:
+            return {groups[0]: carried}
+        rows = {schema.TICK: {f"frame/{name}": values for name, values in carried.items()}}
         for p, name in enumerate(parts.names):
             joint = {"joint": parts.values[name][ticks]} if name in parts.values else {}
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
-            rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = pose | joint
+            rows[groups[p]] = pose | joint
         return rows
-    begun, rows = RigidMotion(record.bodies[0].turn, record.bodies[0].shift), {}
-    for k, (name, body, wrench) in enumerate(zip(parts.names, record.bodies, record.body_wrench, strict=True)):
-        parts.world[ticks, k, :3] = begun.seen_points(body.shift)
-        parts.world[ticks, k, 3:] = begun.seen_orientations(body.turn)
-        columns = {"position": body.shift, "orientation": body.turn, schema.OF_BODIES.name: wrench}
-        columns |= {column.name: getattr(body, column.name) for column in schema.MOTION_COLUMNS}
-        columns |= {column.name: own[column.name] for column in schema.FREE_COLUMNS if k == 0}
+    first, every = free
+    moved, rows = RigidMotion(first.turn, first.shift), {}
+    if parts is None or every is None:
+        position, orientation = (np.tile(of, (len(first.turn), 1)) for of in seen.place)
+        pose = {"position": moved.points(position), "orientation": moved.orientations(orientation)}
+        return {groups[0]: pose | _taken(first, (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS))}
+    for k, (name, body) in enumerate(zip(parts.names, every.bodies, strict=True)):
+        parts.world[ticks, k, :3] = moved.seen_points(body.shift)
+        parts.world[ticks, k, 3:] = moved.seen_orientations(body.turn)
+        columns = {"position": body.shift, "orientation": body.turn}
+        columns |= _taken(body, (*schema.MOTION_COLUMNS, schema.OF_BODIES, *(schema.FREE_COLUMNS if k == 0 else ())))
         if name in parts.driven:
             to = parts.driven[name].at(ticks)
             columns |= {"recorded_position": to.shift, "recorded_orientation": to.turn}
-        rows[f"{schema.BODIES}/{name}/{schema.TICK}"] = columns
+        rows[groups[k]] = columns
     return rows
 
 
-def free_columns(ticks: "ObjectRecord", position: AnyArray, orientation: AnyArray) -> Columns:
-    """Return the columns of a free body's ticks, world; its frame was at a pose [m], (3,) and (4,), at the start."""
-    moved, count = RigidMotion(ticks.turn, ticks.shift), len(ticks.turn)
-    places = moved.points(np.broadcast_to(np.asarray(position, np.float64), (count, 3)))
-    turns = quaternion_product(moved.turn, np.broadcast_to(np.asarray(orientation, np.float64), (count, 4)))
-    fields = ticks._asdict()
-    pose = ObjectMotion(places, turns)._asdict()
-    return pose | {column.name: column.taken(fields) for column in (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS)}
+def _taken(record: "WorldRecord", columns: Iterable[schema.Column]) -> Columns:
+    fields = record._asdict()
+    return {column.name: column.taken(fields) for column in columns}
 
 
-def contact_rows(ticks: "ObjectRecord", first: int, hands: int) -> Columns:
+def contact_rows(ticks: "WorldRecord", first: int, hands: int) -> Columns:
     """Return the rows of /contact of a block of ticks of a free body beside some hands; `first` numbers the ticks."""
     from hhsim.kernels.world.record import STICKS
 

@@ -1,16 +1,14 @@
 """Verdict on a run: a word and a few sentences, above its table and at the top of its report.
 
-Figures that a result states are held against those of its ticks, and a session is judged by its faults, too.
+A session is judged by its faults, too.
 """
 
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.ticks import is_mostly_stuck
@@ -31,8 +29,6 @@ ELSEWHERE = "Put the object elsewhere (a recording: --place-object auto), or loo
 
 STATED_TIMES = "the times of its ticks are what the submission says: they were not measured here"
 """Remark on the times of a submission."""
-SAME = 1e-9
-"""Relative difference [SI, %] up to which figures are the same: sums in another order differ by less."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ def run_verdict(
         contact = f"More than half of the ticks are stuck: the shown hand does not follow the user's. {contact}".strip()
     stopped = "" if complete else f"The run was stopped after {ticks:,} ticks; what follows is of these."
     assumed = [f"{text[:1].upper()}{text[1:]}." for text in repairs if text.startswith(ASSUMED_SOLID)]
-    parts = [stopped, contact, *assumed, _speed(figures, ticks)]
+    parts = [stopped, contact, *assumed]
     if late:
         parts.append(f"{late:,} periods of the session had no tick at all, beside the {ticks:,} that had one.")
     if missed:
@@ -115,18 +111,6 @@ def _contact(figures: Mapping[str, SummaryRow], surface: str) -> tuple[str, bool
     return f"The shown hand is up to {depth.shown} {depth.unit} inside the object's {surface}.", True
 
 
-def _speed(figures: Mapping[str, SummaryRow], ticks: int) -> str:
-    p50, p99, over = (figures.get(name) for name in ("tick_cpu_p50", "tick_cpu_p99", "tick_wall_over_1ms"))
-    if p50 is None or p99 is None or math.isnan(p50.value):
-        return ""
-    text = f"A tick in contact takes {p50.shown} {p50.unit} of CPU time in the median, {p99.shown} {p99.unit} at p99"
-    if over is None or math.isnan(over.value):
-        return f"{text}."
-    late = round(0.01 * over.value * ticks)
-    count = f"{late:,}" if late else "none"
-    return f"{text}; {count} of {ticks:,} ticks took more than 1 ms by the wall clock."
-
-
 def over_limit(row: SummaryRow, limit: float) -> str:
     """Say by how much a figure is over its limit."""
     unit = f" {row.unit}" if row.unit else ""
@@ -160,39 +144,22 @@ def verdict(result: Result, rows: Sequence[SummaryRow]) -> Verdict:
     )
 
 
-def read_ticks(result: Result, more: Sequence[str] = ()) -> RunTicks:
-    """Read what the figures need of every tick, and `more` datasets of /tick."""
-    result = result.seen_from_object
-
-    def known(values: AnyArray) -> AnyArray:
-        # What is infinite is no figure either.
-        return np.where(np.isfinite(values), values, np.nan) if values.dtype.kind == "f" else values
-
-    return result_ticks(result, {name: known(result[name]) for name in (*needed_columns(), *more)})
-
-
-class CheckedFigures(NamedTuple):
-    """Figures of a result."""
-
-    rows: tuple[SummaryRow, ...]  # what its replay printed; what the file lacks is computed from its ticks
-    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
-
-
-def checked_figures(result: Result, ticks: RunTicks) -> CheckedFigures:
-    """Compute the figures of the ticks, and replace them by those of the file."""
-    known = known_figures([what for what in EVERYTHING if result.gives(what)])
-    own, stated = {name: value for name, value in tick_figures(ticks).items() if name in known}, {}
+def result_rows(result: Result) -> tuple[SummaryRow, ...]:
+    """Return the table of a result: the figures of its file, and of its ticks those that the file lacks."""
+    stated = {}
     if result.complete and result.live is None:
         stated = {name: float(result.summary[name]) for name in run_metrics() if name in result.summary}
-    of_paper = of_the_paper(result.scene)
-    computed = {row.name: row for row in summary_rows({**stated, **own}, of_paper=of_paper)}
-    rows = summary_rows({**own, **stated}, of_paper=of_paper)
-    wrong = [
-        f"{row.label} {row.shown} where its ticks give {computed[row.name].shown} {row.unit}".rstrip()
-        for row in rows
-        # What reads the same is the same, and a last digit may fall either way.
-        if row.shown != computed[row.name].shown
-        and not math.isclose(row.value, computed[row.name].value, rel_tol=SAME, abs_tol=SAME)
-    ]
-    text = f"The file says {'; '.join(wrong)}. hhsim verify looks further." if wrong else ""
-    return CheckedFigures(rows, text)
+    lacking = known_figures([what for what in EVERYTHING if result.gives(what)]) - stated.keys()
+    own = {}
+    if any(run_metrics()[name].compute and not run_metrics()[name].free_only for name in lacking):
+        computed = tick_figures(_finite_ticks(result), but=stated)
+        own = {name: value for name, value in computed.items() if name in lacking}
+    return summary_rows({**own, **stated}, of_paper=of_the_paper(result.scene))
+
+
+def _finite_ticks(result: Result) -> RunTicks:
+    """Read what the figures need of every tick; what is infinite is no figure either."""
+    seen = result.seen_from_object
+    values = ((name, seen[name]) for name in needed_columns())
+    known = {name: np.where(np.isfinite(of), of, np.nan) if of.dtype.kind == "f" else of for name, of in values}
+    return result_ticks(seen, known)

@@ -155,8 +155,6 @@ class Report:
         """Return the verdicts, a line each."""
         lines = [f"{run.label}: {run.ended}" for run in self.runs if run.ended]
         lines += [f"{run.label}: {run.verdict.word}. {' '.join(run.verdict.sentences)}" for run in self.runs]
-        for run in self.runs:
-            lines += [f"{run.label}: {text}" for text in (run.result.contradiction(), run.misstated) if text]
         compared = zip(self.runs[1:], self.comparisons)
         beside = self.runs[0].label
         return lines + [f"{run.label} beside {beside}: {found.sentence()}" for run, found in compared if found]

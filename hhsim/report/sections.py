@@ -1,6 +1,6 @@
 """Results of a report with their labels, and its tables: what was run, figures, session, machine, origin.
 
-Depths are those of the poses, whatever a file's own columns say. A label is a letter, and in few words what tells each
+A label is a letter, and in few words what tells each
 result from the others.
 """
 
@@ -9,26 +9,24 @@ import json
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
-from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.metrics.moving_parts import bodies_mesh
 from hhsim.metrics.run.force import TREMBLING
 from hhsim.metrics.run.registry import run_metrics
-from hhsim.metrics.run_ticks import HOLD, PLACED, result_ticks, touched_object
+from hhsim.metrics.run_ticks import HOLD
 from hhsim.metrics.session_faults import broken_off, how_it_ended, recorded_faults, session_log
 from hhsim.replay.compare import Comparison, compared
-from hhsim.replay.run_inputs import unusual_options
+from hhsim.replay.run_inputs import named_options
 from hhsim.replay.stored_scene import part_words
 from hhsim.replay.summary_table import SummaryRow, figure_table, session_rows
-from hhsim.replay.verdict import MISSED, OK, Verdict, checked_figures, read_ticks, verdict
+from hhsim.replay.verdict import MISSED, OK, Verdict, result_rows, verdict
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.result.wording import commit, motion_name, object_name, option_value
@@ -41,15 +39,9 @@ UNNAMED = "method"
 """Label where a file does not say which method was run."""
 MOST_WORDS = 3
 
-DEPTH, PALM, FINGER = "penetration_depth", "penetration_palm", "penetration_finger"
-"""Datasets of /tick that follow from the poses."""
-BLOCK_TICKS = 16_384
-ROUNDING = 1e-9
-"""Depths that differ by no more are the same [m]."""
-
 
 def result_labels(results: Sequence[Result]) -> list[str]:
-    """Return a label for each result: its method and, where these differ, object, motion and unusual options.
+    """Return a label for each result: its method and, where these differ, object, motion and options.
 
     Several results have letters, hands of one run their names.
     """
@@ -59,10 +51,9 @@ def result_labels(results: Sequence[Result]) -> list[str]:
     if len(results) == 1:
         return [names[0][2]]
     varied = (*(len({name[part] for name in names}) > 1 for part in (0, 1)), True)
-    options = _telling([_words(result) for result in results])
     labels = [
         ", ".join([" ".join(part for part, differs in zip(name, varied) if differs), *words[:MOST_WORDS]])
-        for name, words in zip(names, options)
+        for name, words in zip(names, _telling(results))
     ]
     return [f"{letter(number)}: {label}" for number, label in enumerate(labels)]
 
@@ -78,84 +69,35 @@ def letter(number: int) -> str:
     return (letter(rest - 1) if rest else "") + chr(ord("A") + last)
 
 
-def _words(result: Result) -> list[str]:
-    """Return how a result was run, but for its method, as far as it is not usual."""
-    side = result.scene.get("hand", {}).get("side", "right")
-    kind = [*(["live session"] if result.live is not None else []), *([f"{side} hand"] if side != "right" else [])]
-    stated = unusual_options(result.scene).items()
-    return kind + [f"{name.replace('_', ' ').replace('.', ' ')} {option_value(name, value)}" for name, value in stated]
+def _kind(result: Result) -> list[str]:
+    """Return whether it is of a session, and of a left hand, in words."""
+    return [*(["live session"] if result.live else []), *(["left hand"] if result.side == "left" else [])]
 
 
-def _telling(words: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return of each result's words those that not every result has."""
-    shared = set(words[0]).intersection(*words) if words else set()
-    return [[word for word in of if word not in shared] for of in words]
-
-
-@dataclass(frozen=True, repr=False)
-class PosedResult(Result):
-    """A result with depths [m] computed from its poses, and the deepest by the file's own column (NaN without one)."""
-
-    stated_depth: float = np.nan
-
-    @property
-    def deepest(self) -> float:
-        """Deepest penetration of all ticks, by their poses [m]."""
-        return _deepest(self.replaced[DEPTH])
-
-    def contradiction(self) -> str:
-        """Return in a sentence where the file's own depth differs; "" where it agrees."""
-        if self.ticks == 0 or abs(self.stated_depth - self.deepest) <= ROUNDING:
-            return ""
-        return (
-            f"The file says that the deepest penetration is {1e6 * self.stated_depth:,.3f} µm; its poses are "
-            f"{1e6 * self.deepest:,.3f} µm deep, and that is what is shown here. hhsim verify looks further."
-        )
-
-
-def posed_result(result: Result) -> PosedResult:
-    """Compute the depths of a result from its poses, seen from its object, in its columns and in its summary.
-
-    InputError if the file cannot be read, or its tree is damaged.
-    """
-    result = result.seen_from_object
-    touched = touched_object(result)
-    depths = {name: np.empty(result.ticks) for name in (DEPTH, PALM)} | {FINGER: np.empty((result.ticks, len(FINGERS)))}
-    stated, first = 0.0, 0
-    for block in result.blocks([*PLACED, DEPTH], BLOCK_TICKS):
-        count = len(block[DEPTH])
-        part = slice(first, first + count)
-        found = touched.penetration(PlacedHand(*(block[name] for name in PLACED)), part)
-        finite = np.logical_and.reduce([np.isfinite(block[name]).reshape(count, -1).all(1) for name in PLACED])
-        for name, values in ((DEPTH, found.depth), (PALM, found.palm), (FINGER, found.finger)):
-            values[~finite] = np.nan
-            depths[name][part] = values
-        stated, first = max(stated, _deepest(block[DEPTH])), part.stop
-    ticks = result_ticks(result, depths)
-    # Figures of the summary that follow from depths alone.
-    figures = {
-        name: float(metric.compute(ticks))
-        for name, metric in run_metrics().items()
-        if name in result.summary and metric.compute is not None and metric.needs and set(metric.needs) <= depths.keys()
-    }
-    given = {one.name: getattr(result, one.name) for one in fields(Result)}
-    given |= {"summary": {**result.summary, **figures}, "replaced": depths, "_loaded": {}}
-    return PosedResult(**given, stated_depth=max(stated, float(result.summary.get("penetration_max", 0.0))))
-
-
-def _deepest(depth: AnyArray) -> float:
-    return float(np.fmax.reduce(depth[np.isfinite(depth)], initial=0.0))
+def _telling(results: Sequence[Result]) -> list[list[str]]:
+    """Return in words what tells each result from the first one of its method."""
+    kinds = [_kind(result) for result in results]
+    shared = set(kinds[0]).intersection(*kinds)
+    found, first = list[list[str]](), dict[str, Mapping[str, Any]]()
+    for result, kind in zip(results, kinds):
+        own = named_options(result.scene)
+        usual = first.setdefault(result.method, own)
+        differing = [
+            name for name in own if name not in ("method", "surface", "period") and own[name] != usual.get(name)
+        ]
+        options = [f"{name.replace('_', ' ').replace('.', ' ')} {option_value(name, own[name])}" for name in differing]
+        found.append([word for word in kind if word not in shared] + options)
+    return found
 
 
 @dataclass(frozen=True)
 class ReportRun:
     """One result."""
 
-    result: PosedResult  # the file, with depths of its poses
+    result: Result  # seen from its object
     label: str
     prefix: str  # begin of the names of its pictures and anchors
     rows: tuple[SummaryRow, ...]  # the table that replay prints
-    misstated: str  # sentence on figures of the file that are not those of its ticks; else ""
     # Table of a live session; empty for a replay, and where the recording was cut short.
     session: tuple[SummaryRow, ...]
     verdict: Verdict  # verdict by the gate's default limits
@@ -187,18 +129,16 @@ class ReportRun:
 
 
 def report_runs(results: Sequence[Result]) -> list[ReportRun]:
-    """Compute what a report says of each result, with depths of the poses."""
+    """Compute what a report says of each result."""
     runs = []
-    for label, result in zip(result_labels(results), map(posed_result, results)):
-        ticks = read_ticks(result)
-        rows, misstated = checked_figures(result, ticks)
+    for label, result in zip(result_labels(results), (of.seen_from_object for of in results)):
+        rows = result_rows(result)
         runs.append(
             ReportRun(
                 result=result,
                 label=label,
                 prefix="" if len(results) == 1 else f"{label.partition(':')[0].lower().removesuffix(' hand')}-",
                 rows=rows,
-                misstated=misstated,
                 session=() if result.live is None else session_rows(result.summary),
                 verdict=verdict(result, rows),
             )

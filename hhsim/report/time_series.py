@@ -13,7 +13,6 @@ from hhsim.metrics import metrics
 from hhsim.metrics.run_ticks import HOLD, FreeRun, result_free_run
 from hhsim.metrics.session_faults import broken_off, session_log
 from hhsim.report import figure as style
-from hhsim.report.sections import BLOCK_TICKS
 from hhsim.result.reader import Result
 from hhsim.result.schema import LIVE_TICK
 from hhsim.system.counted import counted
@@ -71,7 +70,7 @@ class Run:
     def force(self) -> FloatArray:
         """Sizes of the forces of `FORCES` [N], shape (T, 7)."""
         # Block by block: the forces on all phalanges of a long session do not fit into memory.
-        blocks = self.result.blocks(("force/phalanx", "force/total"), BLOCK_TICKS)
+        blocks = self.result.blocks(("force/phalanx", "force/total"))
         found = [force_values(block["force/phalanx"], block["force/total"]) for block in blocks]
         return np.concatenate(found) if found else np.empty((0, len(FORCES)))
 

@@ -219,7 +219,7 @@ class Result:
             with _opened(self.path) as file:
                 dataset = file.get(path)
                 if not isinstance(dataset, h5py.Dataset):
-                    raise self._no_dataset(name, dataset)
+                    raise InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
                 if self._of_ticks(path):
                     self._loaded[name] = _frozen(self._rows(file, name, slice(self.ticks)))
                 else:
@@ -248,16 +248,6 @@ class Result:
 
     def __contains__(self, name: object) -> bool:
         return name in self.keys()
-
-    def _no_dataset(self, name: str, group: object) -> InputError:
-        if group is not None:
-            inside = [known for known in self.keys() if known.startswith(f"{name}/")]
-            return InputError(f"{self.path}: {name} is a group; expected one of its datasets: {', '.join(inside)}")
-        if name.startswith(f"{schema.LIVE}/") and self.live is None:
-            return InputError(f"{self.path} has no dataset {name}: it is no live session")
-        if name.startswith(f"{schema.CONTACT}/") and not self.body.is_free:
-            return InputError(f"{self.path} has no dataset {name}: contacts are stored where the object is free")
-        return InputError(f"{self.path}: {UnknownNameError('dataset', name, self.keys())}")
 
     def blocks(self, names: Sequence[str], size: int = CHUNK_TICKS) -> Iterator[dict[str, AnyArray]]:
         """Yield datasets with a row a tick by name, `size` ticks at a time: all of them may exceed the memory."""
@@ -389,8 +379,8 @@ def load_result(path: str | Path) -> Result:
             hands[name] = replace(
                 whole,
                 name=name,
-                scene=_Stated(_once([*common.items(), *_mapping(group.attrs["scene"]).items()]), path),
-                summary=_once([*whole.summary.items(), *_attributes(summary[name]).items()]),
+                scene=_Stated({**common, **_mapping(group.attrs["scene"])}, path),
+                summary={**whole.summary, **_attributes(summary[name])},
                 static={f"hand/{column}": array for column, array in static.items()},
                 live=_Stated(_attributes(group[schema.LIVE]), path) if schema.LIVE in group else None,
                 _loaded={},
@@ -398,7 +388,7 @@ def load_result(path: str | Path) -> Result:
         found = hands[names[0]] if len(names) == 1 else whole
         for body in named:
             group = file[schema.BODIES][body]
-            kind, properties = str(group.attrs["kind"]), _properties(str(group.attrs["properties"]))
+            kind, properties = str(group.attrs["kind"]), _mapping(str(group.attrs["properties"]))
             own = tuple(column for column in schema.BODY_COLUMNS if column.name in group.get(schema.TICK, ()))
             bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
             kinds = ("fixed", "free") if "velocity" in bodies[body] else ("fixed", "driven")
@@ -497,39 +487,11 @@ def _finite_numbers(dataset: h5py.Dataset, rows: slice | EllipsisType = ...) -> 
 def _mapping(written: str) -> dict[str, Any]:
     """Return a JSON object; raise DamagedFileError for anything else."""
     try:
-        found = json.loads(written, object_pairs_hook=_once)
+        found = json.loads(written)
     except ValueError:  # A number of thousands of digits is one, too.
         found = None
     if not isinstance(found, dict):
         raise DamagedFileError(f"damaged: expected a JSON object, found '{written[:20]}'")
-    return found
-
-
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return labels by name; raise DamagedFileError for one that another of its name would hide."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        twice = next(name for name, _ in pairs if sum(name == other for other, _ in pairs) > 1)
-        raise DamagedFileError(f"damaged: '{twice}' is stated twice")
-    return found
-
-
-WORDS = ("name", "on", "type")
-"""Properties of a body that are texts."""
-
-
-def _properties(written: str) -> dict[str, Any]:
-    """Return the properties of a body; raise DamagedFileError for a text where they have numbers."""
-    found = _mapping(written)
-    rest: list[tuple[str, Any]] = list(found.items())
-    while rest:
-        name, value = rest.pop()
-        if isinstance(value, str) and name not in WORDS:
-            raise DamagedFileError(f"damaged: {name} of a body is '{value[:20]}'; expected a number")
-        if isinstance(value, dict):
-            rest += value.items()
-        elif isinstance(value, list):
-            rest += [(name, one) for one in value]
     return found
 
 

@@ -184,7 +184,7 @@ MOTION_COLUMNS = _columns("""
     table_wrench     | 6 | f8 | N,N·m | the same of the table | table_wrench
 """)
 """Further ones of a body in a scene with free bodies."""
-OF_BODIES = Column("body_wrench", (6,), "<f8", "N,N·m", "the same of the other bodies")
+OF_BODIES = Column("body_wrench", (6,), "<f8", "N,N·m", "the same of the other bodies", "body_wrench")
 """Further one of each where there are several."""
 FREE_COLUMNS = _columns("""
     table_distance    | - | f8 | m | lowest point of the body above the table, negative inside; infinite without a
@@ -337,7 +337,6 @@ From `status` on those are the fields of `hhsim.kernels.tick.block.TickRecord`, 
 """
 MOST_CONTACTS = 64
 """Room for the contacts of a tick of bodies that move."""
-CONTACT_FIELDS = ("point", "normal", "normal_force", "friction_force", "torsional_moment", "slip")
 
 
 def record_dtype(*names: str) -> np.dtype[Any]:
@@ -345,37 +344,29 @@ def record_dtype(*names: str) -> np.dtype[Any]:
     return np.dtype([_field(name) for name in names], align=True)
 
 
-def bodies_row(bodies: int) -> np.dtype[Any]:
-    """Return the dtype of a tick of bodies that move, the fields of `hhsim.kernels.world.record.WorldRecord`.
-
-    Those of motion have shape (bodies, 1, ...), those of contacts (`MOST_CONTACTS`, ...). `contact` has the first
-    contact and the end of the last one; `body` is what touches the first body, `contact_body` the body of each contact,
-    `other_point` its point on the other body [m], world; a body has turned and shifted by `turn` and `shift` [m].
-    """
-    measured = [_field(column.source) for column in (*MOTION_COLUMNS, *FREE_COLUMNS)]
-    moving = [("turn", "<f8", (4,)), ("shift", "<f8", (3,)), *measured, ("body_wrench", "<f8", (6,))]
-    rows = [
-        ("body", "<i8", ()),
-        *map(_field, CONTACT_FIELDS),
-        ("contact_body", "<i8", ()),
-        ("other_point", "<f8", (3,)),
+def body_fields(bodies: int, ticks: int, rows: int) -> list[tuple[str, str, tuple[int, ...]]]:
+    """Return name, type and shape of the fields of `hhsim.kernels.world.record.WorldRecord`, with room for so many."""
+    measured = [_field(column.source) for column in (*MOTION_COLUMNS, OF_BODIES, *FREE_COLUMNS)]
+    moving = [("turn", "<f8", (4,)), ("shift", "<f8", (3,)), *measured]
+    contacts = [("body", "<i8", ()), *(_field(column.source) for column in CONTACT_COLUMNS if column.source)]
+    contacts += [("contact_body", "<i8", ()), ("other_point", "<f8", (3,))]
+    return [
+        *((name, kind, (bodies, ticks, *shape)) for name, kind, shape in moving),
+        ("contact", "<i8", (ticks + 1,)),
+        *((name, kind, (rows, *shape)) for name, kind, shape in contacts),
     ]
-    room = MOST_CONTACTS if bodies else 0
-    return np.dtype(
-        [
-            *((name, kind, (bodies, 1, *shape)) for name, kind, shape in moving),
-            ("contact", "<i8", (2,)),
-            *((name, kind, (room, *shape)) for name, kind, shape in rows),
-        ],
-        align=True,
-    )
+
+
+def bodies_row(bodies: int) -> np.dtype[Any]:
+    """Return the dtype of a tick of bodies that move, as `body_fields`."""
+    return np.dtype(body_fields(bodies, 1, MOST_CONTACTS if bodies else 0), align=True)
 
 
 def _field(name: str) -> tuple[str, str, tuple[int, ...]]:
     """Return name, type and shape of a record's field."""
     if name in PARTS:
         return name, "<i8", (len(PARTS[name]),)
-    columns = (*TICK_COLUMNS, *LIVE_TICK_COLUMNS, *MOTION_COLUMNS, *FREE_COLUMNS, *CONTACT_COLUMNS)
+    columns = (*TICK_COLUMNS, *LIVE_TICK_COLUMNS, *BODY_COLUMNS, *CONTACT_COLUMNS)
     column = next(column for column in columns if column.source == name)
     return name, "<f8" if column.dtype == "<f8" else "<i8", column.shape
 

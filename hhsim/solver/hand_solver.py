@@ -41,7 +41,7 @@ from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
-    from hhsim.kernels.world.record import ObjectRecord
+    from hhsim.kernels.world.record import WorldRecord
 
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
@@ -91,7 +91,7 @@ class HandSolver:
         return f"HandSolver({self.options!r})"
 
     @property
-    def object_ticks(self) -> "ObjectRecord":
+    def object_ticks(self) -> "WorldRecord":
         """Record of the free object in the last ticks."""
         assert self.free is not None
         return self.free.ticks

@@ -20,7 +20,7 @@ from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
-from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.moving_parts import MovingParts, placed_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
@@ -33,7 +33,7 @@ from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, WarmUp, d
 from hhsim.solver.method import find_method
 from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, tick_record, zeroed
-from hhsim.solver.world_engine import MOVING, WorldEngine, seen_ticks
+from hhsim.solver.world_engine import WorldEngine, seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -235,13 +235,13 @@ class WorldSolver:
         return run_hands_apart, (alone, two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code)
 
     @property
-    def object_ticks(self) -> ObjectRecord:
+    def object_ticks(self) -> WorldRecord:
         """Record of the free object in the last ticks."""
         assert self.engine is not None
         return self.engine.ticks
 
     @property
-    def all_ticks(self) -> BodiesRecord | None:
+    def all_ticks(self) -> WorldRecord | None:
         """Record of all bodies beside a free one in the last ticks; None where there are none."""
         return None if self.engine is None else self.engine.all_ticks
 
@@ -343,9 +343,10 @@ class SceneSolver(WorldSolver):
         ]
         super().__init__(hands, free, self.seen.others)
 
-
-ROWS = ObjectRecord._fields[len(MOVING) + 1 :]
-"""Fields of the contacts of a `WorldRecord`."""
+    @property
+    def free_ticks(self) -> tuple[WorldRecord, WorldRecord | None] | None:
+        """Ticks of the first free body that were run last, and of all if there are several; None without one."""
+        return None if self.seen.free is None else (self.object_ticks, self.all_ticks)
 
 
 class OneTick:
@@ -368,7 +369,7 @@ class OneTick:
         self.record = tick_record(hands, 1)
         self.row = zeroed(bodies_row(bodies))
         arrays = {name: self.row[name].view(np.ndarray)[0] for name in self.row.dtype.names}
-        self.kernel, self.arguments = solver.tick_call(self.haptic, self.record, _world_record(arrays))
+        self.kernel, self.arguments = solver.tick_call(self.haptic, self.record, WorldRecord(**arrays))
 
     @property
     def address(self) -> int:
@@ -414,15 +415,11 @@ class OneTick:
         return tuple(views_of_hands(given, record)[1])
 
 
-def bodies_ticks(rows: Records) -> tuple[ObjectRecord, BodiesRecord | None]:
+def bodies_ticks(rows: Records) -> tuple[WorldRecord, WorldRecord | None]:
     """Return the ticks of the first free body, and of all if there are several, from records of `bodies_row`."""
     count = rows["contact"][:, 1]
     kept = np.arange(rows["body"].shape[1]) < count[:, None]
-    moving = {name: rows[name][:, :, 0].swapaxes(0, 1) for name in (*MOVING, "body_wrench")}
-    contacts = {name: rows[name][kept] for name in (*ROWS, "contact_body", "other_point")}
-    return seen_ticks(_world_record({**moving, **contacts, "contact": np.concatenate([[0], np.cumsum(count)])}))
-
-
-def _world_record(arrays: dict[str, Any]) -> WorldRecord:
-    bodies = ObjectRecord(*(arrays[name] for name in ObjectRecord._fields))
-    return WorldRecord(bodies, *(arrays[name] for name in WorldRecord._fields[1:]))
+    names, contact = WorldRecord._fields, WorldRecord._fields.index("contact")
+    moving = {name: rows[name][:, :, 0].swapaxes(0, 1) for name in names[:contact]}
+    contacts = {name: rows[name][kept] for name in names[contact + 1 :]}
+    return seen_ticks(WorldRecord(**moving, contact=np.concatenate([[0], np.cumsum(count)]), **contacts))

@@ -29,20 +29,19 @@ from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
 from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
 from hhsim.kernels.world.linearisation import write_other_pairs
 from hhsim.kernels.world.pairs import World
-from hhsim.kernels.world.record import BodiesRecord, ObjectRecord, WorldRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.kernels.world.rows import SLACKS, friction_count
 from hhsim.kernels.world.second_order import correct
 from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
 from hhsim.reproducible import across, matmul, principal_axes
+from hhsim.result.schema import body_fields
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
 from hhsim.solver.options import FREE, UNLIMITED, require_options
 from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.hierarchy import build_hierarchy
 
-MOVING = ObjectRecord._fields[: ObjectRecord._fields.index("contact")]
-"""Fields of a `WorldRecord` with the body as their first axis; the wrenches on each are the last one."""
 MOST_POINTS = 1024
 """Most corners or spheres by which a body meets another one: as many as a palm may have."""
 FLAT = 1e-9
@@ -482,37 +481,16 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
 def whole_record(bodies: int, ticks: int) -> WorldRecord:
     """Allocate the record of all bodies in a block of ticks."""
     # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-    zeros, rows = np.zeros, ticks * ACTIVE_CAPACITY
-    record = ObjectRecord(
-        turn=zeros((bodies, ticks, 4)),
-        shift=zeros((bodies, ticks, 3)),
-        velocity=zeros((bodies, ticks, 3)),
-        angular_velocity=zeros((bodies, ticks, 3)),
-        hand_wrench=zeros((bodies, ticks, 6)),
-        table_wrench=zeros((bodies, ticks, 6)),
-        table_distance=zeros((bodies, ticks)),
-        friction_residual=zeros((bodies, ticks)),
-        contact=zeros(ticks + 1, np.int64),
-        body=zeros(rows, np.int64),
-        point=zeros((rows, 3)),
-        normal=zeros((rows, 3)),
-        normal_force=zeros(rows),
-        friction_force=zeros((rows, 3)),
-        torsional_moment=zeros(rows),
-        slip=zeros(rows),
-    )
-    return WorldRecord(record, zeros(rows, np.int64), zeros((rows, 3)), zeros((bodies, ticks, 6)))
+    fields = body_fields(bodies, ticks, ticks * ACTIVE_CAPACITY)
+    return WorldRecord(**{name: np.zeros(shape, kind) for name, kind, shape in fields})
 
 
-def seen_ticks(record: WorldRecord) -> tuple[ObjectRecord, BodiesRecord | None]:
-    """Return the record of the first body, and of each, as views, if there are several."""
-    own, shared = record.bodies[: len(MOVING)], record.bodies[len(MOVING) :]
-    bodies = tuple(ObjectRecord(*rows, *shared) for rows in zip(*own))
-    every = BodiesRecord(bodies, *record[1:])
-    return (of_first(every), every) if len(bodies) > 1 else (bodies[0], None)
+def seen_ticks(record: WorldRecord) -> tuple[WorldRecord, WorldRecord | None]:
+    """Return the record of the first body, and of all if there are several."""
+    return (of_first(record), record) if len(record.turn) > 1 else (record.bodies[0], None)
 
 
-def of_first(record: BodiesRecord) -> ObjectRecord:
+def of_first(record: WorldRecord) -> WorldRecord:
     """Return the record of the first body with its own contacts; other bodies count as the table does.
 
     Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
@@ -535,5 +513,5 @@ def of_first(record: BodiesRecord) -> ObjectRecord:
         normal=sign * first.normal[chosen],
         friction_force=sign * first.friction_force[chosen],
         contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
-        table_wrench=first.table_wrench + record.body_wrench[0],
+        table_wrench=first.table_wrench + first.body_wrench,
     )

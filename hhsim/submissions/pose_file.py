@@ -80,13 +80,6 @@ class Block(NamedTuple):
         return ["_".join(filter(None, (self.owner, column))) for column in PARTS[self.part].columns]
 
 
-def _parts_of(owner: str) -> list[str]:
-    """Return the parts that a block may have."""
-    if owner == ALONE:
-        return list(PARTS)
-    return [name for name in PARTS if name not in OF_TICKS] if owner in SIDES else list(OF_BODY)
-
-
 @dataclass(frozen=True, eq=False)
 class Submission:
     """Hand, or right hand of two, and free bodies that a method shows at every tick of a scene."""
@@ -181,50 +174,37 @@ def parse_poses(text: str) -> tuple[dict[str, str], dict[Block, FloatArray]]:
 
 
 def _columns(headings: Sequence[str]) -> dict[str, Block]:
-    """Return the blocks of the columns by their names; InputError for missing or unknown ones, or another unit."""
-    found = dict[str, Block]()
-    for heading in headings:
-        match = re.fullmatch(r"\s*([^\[\]]*?)\s*(?:\[(.*)\])?\s*", heading)
-        column, unit = (match[1], match[2]) if match else (heading, None)
-        block = _block_of(column)
-        expected = PARTS[block.part].unit
-        if unit is not None and unit != expected:
+    """Return the block of each column; InputError for missing, unknown or repeated ones, or another unit."""
+    split = (re.fullmatch(r"\s*([^\[\]]*?)\s*(?:\[(.*)\])?\s*", heading) for heading in headings)
+    units = {match[1] if match else heading: match and match[2] for match, heading in zip(split, headings)}
+    blocks = _expected(units)
+    known = {column: block for block in blocks for column in block.columns}
+    for column, unit in units.items():
+        if column not in known:
+            raise InputError(f"the header has an {UnknownNameError('column', column, known)}")
+        expected = PARTS[known[column].part].unit
+        if unit not in (None, expected):
             raise InputError(f"column {column} is in {unit}; expected {expected}")
-        if column in found:
-            raise InputError(f"the header has column {column} twice")
-        found[column] = block
-    for block in _required(found.values()):
-        missing = [column for column in block.columns if column not in found]
+    if len(units) < len(headings):
+        raise InputError("the header has a column twice, with its unit and without")
+    for block in blocks:
+        missing = [column for column in block.columns if column not in units]
         if missing and not (PARTS[block.part].optional and len(missing) == len(block.columns)):
             more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
             raise InputError(f"the header lacks {', '.join(missing[:4])}{more}")
-    return found
+    return {column: known[column] for column in units}
 
 
-def _block_of(column: str) -> Block:
-    """Return the block of a column; InputError for one that is unknown."""
-    owner, _, own = column.partition("_")
-    if column in COLUMNS:
-        return Block(ALONE, COLUMNS[column])
-    if owner not in SIDES:
-        owner, _, own = column.rpartition("_")
-    part = COLUMNS.get(own, "")
-    if not owner or part not in _parts_of(owner):
-        raise InputError(f"the header has an {UnknownNameError('column', column, COLUMNS)}")
-    return Block(owner, part)
-
-
-def _required(blocks: Iterable[Block]) -> list[Block]:
-    """Return the parts that blocks of these may or must have; of no hand those of one alone."""
-    owners = dict.fromkeys(block.owner for block in blocks if block.part not in OF_TICKS)
-    hands = [owner for owner in owners if owner == ALONE or owner in SIDES]
-    expected = list(SIDES) if set(hands) & set(SIDES) else [ALONE]
-    named = [*expected, *(owner for owner in owners if owner not in hands)]
-    found = [Block(owner, part) for owner in named for part in _parts_of(owner)]
-    ticks = [Block(ALONE, part) for part in OF_TICKS if expected != [ALONE]]
-    if expected != [ALONE] and ALONE in hands:
-        raise InputError(f"there are columns of one hand and of the {' and the '.join(SIDES)} one; expected either")
-    return [*ticks, *found]
+def _expected(columns: Iterable[str]) -> list[Block]:
+    """Return the blocks that a file with some of these columns may or must have: of ticks, hands and bodies."""
+    owners = dict.fromkeys(column.partition("_")[0] for column in columns)
+    hands = SIDES if owners.keys() & set(SIDES) else (ALONE,)
+    split = (column.rpartition("_") for column in columns if column.partition("_")[0] not in SIDES)
+    bodies = dict.fromkeys(owner for owner, _, own in split if owner and COLUMNS.get(own) in OF_BODY)
+    of_hand = [part for part in PARTS if part not in OF_TICKS]
+    found = [Block(ALONE, part) for part in OF_TICKS]
+    found += [Block(hand, part) for hand in hands for part in of_hand]
+    return found + [Block(body, part) for body in bodies for part in OF_BODY]
 
 
 def _submission(said: Mapping[str, str], arrays: dict[Block, FloatArray], path: Path) -> Submission:

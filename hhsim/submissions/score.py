@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 from typing import Any, cast
 
@@ -22,8 +22,8 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
-from hhsim.metrics.field.hands import object_bvh
-from hhsim.metrics.mesh_penetration import mesh_clearance, sampled, ticks_looked_at
+from hhsim.metrics.field.hands import Bodies
+from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
@@ -250,22 +250,12 @@ def _gap(one: FloatArray, other: FloatArray) -> float:
     return float(np.maximum(one[0] - other[1], other[0] - one[1]).max())
 
 
-def _mesh_depth(shown: Scene, hand: HandModel, placed: PlacedHand) -> float:
-    """Return the largest depth of a hand, placed in the world, in the bodies [m]; NaN where none encloses a space."""
-    depths = [np.nan]
-    for body in shown.solids:
-        if not encloses(body.mesh):
-            continue
-        mesh, tree, there = body.placed_mesh, body.placed_tree, placed
-        if isinstance(body.motion, Driven):
-            mesh, tree, there = body.mesh, body.tree, body.motion.poses.frame.seen_hand(placed)
-        palm, finger = hand_clearance(tree.arrays(), hand_shape(hand), there, limit=NEAR)
-        # The spheres cover the mesh: a hand outside of them is outside of the mesh.
-        inside = ticks_looked_at(np.minimum(palm, finger.min(axis=1)) < 0.0)
-        depths.append(0.0)
-        if inside.size:
-            depths.append(-float(mesh_clearance(object_bvh(mesh), hand_shape(hand), there.at(inside)).min()))
-    return float(np.nanmax(depths)) if len(depths) > 1 else np.nan
+def _mesh_depth(seen: SeenScene, hand: HandModel, placed: PlacedHand) -> float:
+    """Return the largest depth of a hand in the bodies that enclose a space [m]; NaN where none does."""
+    every = Bodies.of(seen.parts or seen.mesh)
+    solid = [encloses(mesh) for mesh in every.meshes]
+    bodies = Bodies(tuple(compress(every.meshes, solid)), tuple(compress(every.motions, solid)))
+    return max(0.0, -float(bodies.clearance(hand_shape(hand), placed, NEAR).min())) if bodies.meshes else np.nan
 
 
 def _off_best(
@@ -417,13 +407,8 @@ def score(
         hands = dict[str, HandScore]()
         for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
             placed = forward_kinematics(hand.model, *own.poses)
-            world = placed
-            if seen.carrier is not None:
-                frame = along(seen.carrier)
-                places, turns = frame.points(own.poses.position), frame.orientations(own.poses.orientation)
-                world = forward_kinematics(hand.model, places, turns, own.poses.flexion, own.poses.abduction)
             off_best = _off_best(seen, hand.model, haptic, options.at_rate(scene.ticks.rate), placed)
-            values = (_mesh_depth(shown, hand.model, world), *off_best)
+            values = (_mesh_depth(seen, hand.model, placed), *off_best)
             errors = dict(zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), values, strict=True))
             hands[hand.model.side] = HandScore(summary, errors)
     several = submission.bodies and len(scene.bodies) > 1

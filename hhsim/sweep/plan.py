@@ -20,7 +20,6 @@ from msgspec import Meta, structs
 from hhsim import __version__
 from hhsim.errors import InputError, check_known, named
 from hhsim.mesh.catalogue import names_a_file, object_names, usual_level
-from hhsim.replay.run_inputs import USUAL_SCENE
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.motion_catalogue import import_remarks, resolve_trajectory, trajectory_names
 from hhsim.scene.script import Script
@@ -130,7 +129,8 @@ class Cell:
         hand = self.options.get("hand_file")
         files = {word: file_digest(self.folder / word) for word in self.files}
         # Of those of the scene only what is not a default: stating one makes no other cell.
-        usual = {**USUAL_SCENE, "level": usual_level(shape.word), "hand_file": hand}
+        usual = {"rate": 1000.0, "samples": "interpolate", "seed": 0}
+        usual |= {"level": usual_level(shape.word), "hand_file": hand}
         scene = {name: value for name, value in self.options.items() if name in OF_THE_SCENE}
         told = {name: value for name, value in scene.items() if name not in usual or value != usual[name]}
         stated = {

@@ -23,8 +23,8 @@ CHUNK = 64
 """Ticks searched at once, to bound the memory."""
 FARTHEST = 1e9
 """Coordinate of a hand that is far from everything [m]."""
-FEW, HALVINGS = 7, 56
-"""Bisection steps after which distant pairs are left out, and all of them: as many as a double has digits."""
+HALVINGS = 56
+"""Bisection steps: as many as a double has digits."""
 TINY = 1e-30
 NO_AREA = 1e-12
 """Ratio of a triangle's height to its longest side below which it is a line."""
@@ -236,10 +236,10 @@ def joined(parts: Sequence[Pairs]) -> Pairs:
     return pairs.at(np.lexsort((pairs.body, pairs.tick)))
 
 
-def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray], halvings: int = HALVINGS) -> FloatArray:
+def lowest_places(count: int, falls: Callable[[FloatArray], BoolArray]) -> FloatArray:
     """Shares [0 to 1] of some axes where a convex distance is least, by where it `falls`, shape (count,)."""
     low, high = np.zeros(count), np.ones(count)
-    for _ in range(halvings):
+    for _ in range(HALVINGS):
         share = 0.5 * (low + high)
         down = falls(share)
         low, high = np.where(down, share, low), np.where(down, high, share)
@@ -303,48 +303,25 @@ def cones_near_triangles(
         Of each pair the indices of cone and triangle, the share of the axis where the cone is nearest, and the signed
         distance [m]. An axis that passes through the triangle has the distance minus the cone's radius there.
     """
-    triangles, reach = pieces.triangles, cones.thick + near
+    triangles, (row, face) = pieces.triangles, near_rows(cones, cones.thick + near, pieces)
     assert triangles is not None
-    row, face = near_rows(cones, reach, pieces)
-    row, face = _not_apart(cones, reach, triangles, row, face)
-    share = distance = np.zeros(0)
-    for halvings in (FEW, HALVINGS):
-        of = cones.at(row)
-        axis, drop = of.b - of.a, of.radius_b - of.radius_a
-        long = np.asarray(axis.any(axis=1))
-        some_drop, ready = drop[long], triangles.at(face[long])
-        start, along = np.ascontiguousarray(of.a[long].T), np.ascontiguousarray(axis[long].T)
+    of = cones.at(row)
+    axis, drop = of.b - of.a, of.radius_b - of.radius_a
+    long = np.asarray(axis.any(axis=1))
+    ready, drops = triangles.at(face[long]), drop[long]
+    start, along = np.ascontiguousarray(of.a[long].T), np.ascontiguousarray(axis[long].T)
 
-        def falls(share: FloatArray, of: Any = (ready, start, along, some_drop)) -> BoolArray:
-            away = away_from_triangles(of[0], of[1] + share * of[2])
-            return np.asarray((away * of[2]).sum(axis=0) < of[3] * np.sqrt((away * away).sum(axis=0)))
+    def falls(share: FloatArray) -> BoolArray:
+        away = away_from_triangles(ready, start + share * along)
+        return np.asarray((away * along).sum(axis=0) < drops * np.sqrt((away * away).sum(axis=0)))
 
-        # Of an axis without length the larger ball is nearest.
-        share = np.where(drop > 0.0, 1.0, 0.0)
-        share[long] = lowest_places(len(some_drop), falls, halvings)
-        place, size = of.balls(share)
-        distance = np.linalg.norm(pieces.away(face, place), axis=0) - size
-        # The nearest place is within one last interval, and the distance falls by no more on the way there.
-        last = 0.5**halvings * (np.linalg.norm(axis, axis=1) + np.abs(drop))
-        kept = np.flatnonzero(distance <= near[row] + last)
-        row, face, share, distance = row[kept], face[kept], share[kept], distance[kept]
-    return row, face, share, distance
-
-
-def _not_apart(
-    cones: RoundCones, reach: FloatArray, triangles: ReadyTriangles, row: IntArray, face: IntArray
-) -> tuple[IntArray, IntArray]:
-    """Rows of axes and triangles that no plane of the triangle, its own or one at a side, keeps `reach` [m] apart."""
-    for across, start in ((triangles.normal, triangles.start[0]), *zip(-triangles.inward, triangles.start)):
-        length = np.sqrt((across * across).sum(axis=0))
-        unit = (across / np.where(length > 0.0, length, 1.0)).T[face]
-        first, last = (((at[row] - start.T[face]) * unit).sum(axis=1) for at in cones[:2])
-        apart = np.minimum(first, last)
-        if across is triangles.normal:
-            apart = np.maximum(apart, -np.maximum(first, last))
-        kept = apart <= reach[row]
-        row, face = row[kept], face[kept]
-    return row, face
+    # Of an axis without length the larger ball is nearest.
+    share = np.where(drop > 0.0, 1.0, 0.0)
+    share[long] = lowest_places(len(drops), falls)
+    place, size = of.balls(share)
+    distance = np.linalg.norm(pieces.away(face, place), axis=0) - size
+    kept = np.flatnonzero(distance <= near[row])
+    return row[kept], face[kept], share[kept], distance[kept]
 
 
 def away_from_triangles(triangles: ReadyTriangles, points: FloatArray) -> FloatArray:

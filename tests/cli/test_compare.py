@@ -60,16 +60,6 @@ def test_a_time_is_judged_by_what_repeated_runs_differ(
     assert all("mean ± σ of 3 runs: tick in contact, CPU, p50 1,100.0 ± " in line for line in told)
 
 
-def test_a_figure_that_is_not_of_the_ticks_is_named(run: Run, results: Path, tmp_path: Path) -> None:
-    shutil.copy(results / "coupled.h5", tmp_path / "b.h5")
-    with changed(tmp_path / "b.h5") as file:
-        file["hands/right/tick/force/total"][150:] *= 2.0
-    answer = run("compare", str(results / "coupled.h5"), "b.h5")
-    told = [line for line in answer.out.splitlines() if "The file says" in line]
-    assert len(told) == 1 and told[0].startswith("B: The file says force in contact, mean ")
-    assert "hhsim verify" in told[0]
-
-
 def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
     answer = run("export", str(results / "coupled.h5"), "ticks.csv", "--columns", "time,force/total")
     assert answer == (0, "200 ticks, 4 columns: ticks.csv\n", "")

@@ -11,8 +11,8 @@ from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
 @pytest.mark.parametrize(
     ("name", "finding", "verdict", "says"),
     [
-        ("Millimetres", "free space", WRONG, "millimetres?"),
-        ("Mirrored", "free space", WRONG, "left-handed (y mirrored)?"),
+        ("Millimetres", "free space", WRONG, "another unit or frame?"),
+        ("Mirrored", "free space", WRONG, "another unit or frame?"),
         ("Degrees", "joint limits", WRONG, "degrees?"),
         ("TurnedForces", "forces", WRONG, "turned?"),
         ("Promises", "depth", WRONG, "promises not to"),
@@ -26,7 +26,7 @@ from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
     ],
 )
 @pytest.mark.quick(
-    "Millimetres-free space-wrong-millimetres?",
+    "Millimetres-free space-wrong-another unit or frame?",
     "TurnedForces-forces-wrong-turned?",
     "Boasts-run-wrong-native_ns of 1000000000000000: expected 0 to",
     "Raises-run-wrong-ZeroDivisionError",

@@ -22,7 +22,6 @@ from hhsim.metrics.metrics import tick_statistics
 from hhsim.render.triangle_soup import SKIN, round_cone_surface
 from hhsim.render.viewpoint import viewpoint
 from hhsim.report import report as report_pictures
-from hhsim.report import time_series as report_series
 from hhsim.report.figure import ReportFigure, time_text
 from hhsim.report.report import hand_picture
 from hhsim.report.sections import worst_ticks
@@ -86,8 +85,7 @@ def pixels(png: bytes) -> NDArray[np.uint8]:
     return np.asarray(Image.open(io.BytesIO(png)))
 
 
-def test_forces_are_those_of_the_file_however_they_are_read(result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(report_series, "BLOCK_TICKS", 37)
+def test_forces_are_those_of_the_file(result: Result) -> None:
     force = Run("A", result).force
     np.testing.assert_allclose(force[:, 0], np.linalg.norm(result["force/total"], axis=1), rtol=1e-12)
     fingers = np.linalg.norm(result["force/phalanx"].sum(axis=2), axis=2)

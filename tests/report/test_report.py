@@ -19,13 +19,12 @@ from short_grasp import short_grasp, short_scene
 
 from hhsim.errors import OutputError
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.render.viewpoint import View
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import summary_rows
-from hhsim.replay.verdict import checked_figures, read_ticks
+from hhsim.replay.verdict import result_rows
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import CHARTS, check_report_path, make_report, write_report
 from hhsim.result.reader import load_result
@@ -120,7 +119,7 @@ def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tm
     summary = load_result(coupled).summary
     whole = {row.name: row for row in summary_rows({name: summary[name] for name in run_metrics() if name in summary})}
     short = load_result(changed(coupled, tmp_path, cut))
-    rows = {row.name: row for row in checked_figures(short, read_ticks(short)).rows}
+    rows = {row.name: row for row in result_rows(short)}
     # These are of runs of their own.
     assert whole.keys() - rows.keys() == {name for name in whole if run_metrics()[name].own_run}
     for name in rows.keys() & whole.keys():
@@ -173,17 +172,12 @@ def test_worst_ticks_are_told(coupled: Path, dots: None) -> None:
 def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dots: None) -> None:
     still = dict.fromkeys(LIMITED, 0.0)
 
-    def deep(file: h5py.File) -> None:
-        sink(file)
-        stating(**still, stuck_ticks=3)(file)
-
     good = make_report((changed(coupled, tmp_path, stating(**still)),))
     assert good.runs[0].verdict.word == "within limits"
     assert "stays out of the object's spheres" in good.verdict_lines()[0]
-    bad = make_report((changed(coupled, tmp_path, deep),))
+    bad = make_report((changed(coupled, tmp_path, stating(**{**still, "penetration_max": 5e-3, "stuck_ticks": 3})),))
     assert bad.runs[0].verdict.missed == ("penetration_max", "stuck_ticks")
-    depth = 1e6 * bad.runs[0].result.deepest
-    assert f"penetration, max {depth:,.3f} µm (limit 1); stuck ticks 3 (limit 0)" in bad.verdict_lines()[0]
+    assert "penetration, max 5,000.000 µm (limit 1); stuck ticks 3 (limit 0)" in bad.verdict_lines()[0]
     assert "limits missed" in next(
         e.text for e in read_page(bad.html).all("p") if "verdict" in str(e.attributes.get("class"))
     )
@@ -200,47 +194,6 @@ def test_the_papers_figures_stand_beside_its_scenes(coupled: Path, tmp_path: Pat
     known = changed(coupled, tmp_path, in_scene(object="bunny", trajectory="grasp"))
     assert page_of(known).rows("Figures,")[0][-1] == "paper"
     assert page_of(known, known).rows("Figures side by side")[0][-1] == "paper"
-
-
-def sink(file: h5py.File) -> None:
-    """Move the graphic hand of all ticks 5 mm down, and say nothing of it."""
-    file["hands/right/tick/graphic/joints"][...] -= np.array([0.0, 0.0, 5e-3])
-    file["hands/right/tick/graphic/position"][...] -= np.array([0.0, 0.0, 5e-3])
-
-
-def test_depth_is_that_of_the_poses_whatever_the_file_says(coupled: Path, tmp_path: Path, dots: None) -> None:
-    report = make_report((changed(coupled, tmp_path, sink),))
-    (run,) = report.runs
-    # By brute force: every sphere of the tree against every phalanx, at the deepest tick.
-    static, tick = run.result.static, int(np.argmax(run.result["penetration_depth"]))
-    leaves = run.result.body.static["tree/level"] == run.result.body.static["tree/level"].max()
-    center, radius = run.result.body.static["tree/center"][leaves], run.result.body.static["tree/radius"][leaves]
-    joints, thick = run.result["graphic/joints"][tick], static["hand/phalanx_radius"].tolist()
-    cones = ((joints[f, k], joints[f, k + 1], thick[f][k], thick[f][k + 1]) for f in range(5) for k in range(3))
-    deepest = max(float((radius - round_cone_distance(center, *cone)).max()) for cone in cones)
-    assert run.result.deepest >= 1e-3
-    assert run.result.deepest == pytest.approx(deepest, abs=1e-9)
-    assert run.result.stated_depth < 1e-6
-    assert {row.name: row.value for row in run.rows}["penetration_max"] == run.result.deepest
-    assert run.verdict.word == "limits missed"
-    assert "its poses are" in report.verdict_lines()[1]
-    assert "depth misstated" in report.html
-    assert "depth misstated" not in make_report((coupled,)).html
-
-
-def test_figures_that_are_not_those_of_the_ticks_are_named_at_the_top(
-    coupled: Path, tmp_path: Path, dots: None
-) -> None:
-    stated = load_result(coupled).summary["force_contact_mean"]
-    flattered = changed(coupled, tmp_path, stating(force_contact_mean=0.5 * stated), "flattered.h5")
-    report = make_report((coupled, flattered))
-    assert [run.misstated for run in report.runs] == [
-        "",
-        f"The file says force in contact, mean {0.5 * stated:.2f} where its ticks give {stated:.2f} N. "
-        "hhsim verify looks further.",
-    ]
-    assert any(report.runs[1].misstated in line for line in report.verdict_lines())
-    assert report.html.count("figures misstated") == 1
 
 
 def test_periods_without_a_tick_are_told_at_the_top(coupled: Path, tmp_path: Path, dots: None) -> None:

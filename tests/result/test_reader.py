@@ -102,7 +102,7 @@ def test_arrays_of_a_loaded_result_cannot_be_changed_and_it_is_no_session(tmp_pa
     with pytest.raises(ValueError, match="read-only"):
         loaded["time"][0] = 1.0
     assert loaded.live is None
-    with pytest.raises(InputError, match="has no dataset live/sample/time: it is no live session"):
+    with pytest.raises(InputError, match="unknown dataset 'live/sample/time'"):
         loaded["live/sample/time"]
 
 
@@ -368,11 +368,6 @@ def schema(version: object) -> Callable[[Path], object]:
     return forged(lambda file: file.attrs.update(schema_version=version))
 
 
-def in_words(file: h5py.File) -> None:
-    body = next(iter(file["bodies"].values()))
-    body.attrs["properties"] = json.dumps({"name": "cube", "limits": [{"friction": [0.5, "rough"]}]})
-
-
 def folder_in_its_place(path: Path) -> None:
     path.unlink()
     path.mkdir()
@@ -399,10 +394,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "texts": (other("hands/right/base", np.zeros((5, 3), "S8")), r"base holds \|S8, expected <f8"),
     "fractions": (other("bodies/bunny/mesh/faces", np.zeros((1, 3))), "mesh/faces holds float64, expected <i8"),
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
-    "shadowed": (forged(attribute("", "hands/right", "scene", lambda _: '{"seed": 1}')), "damaged: 'seed' is stated"),
-    "repeated": (forged(attribute("", "/", "scene", lambda _: '{"seed": 1, "seed": 2}')), "'seed' is stated twice"),
     "endless": (forged(attribute("", "/", "scene", lambda _: '{"seed": 1' + "0" * 5000 + "}")), "JSON object"),
-    "word": (forged(in_words), "friction of a body is 'rough'; expected a number"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
     "folder": (folder_in_its_place, "is a folder"),
     **{
@@ -439,7 +431,7 @@ def test_the_keys_are_the_datasets_and_others_are_told_with_the_near_names(tmp_p
     result = load_result(write(tmp_path / "run.h5", [block(100)]))
     with pytest.raises(InputError, match=r"run\.h5: unknown dataset 'force/totl': did you mean force/total"):
         result["force/totl"]
-    with pytest.raises(InputError, match=r"force is a group; expected one of its datasets: .*force/total"):
+    with pytest.raises(InputError, match=r"run\.h5: unknown dataset 'force'"):
         result["force"]
     assert set(result.keys()) == {column.name for column in TICK_COLUMNS}
     assert "force/total" in result and "force" not in result

@@ -15,7 +15,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.mesh.shapes import box_mesh
-from hhsim.metrics.moving_parts import MovingParts
+from hhsim.metrics.moving_parts import MovingParts, TouchedObject
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.scene.script import Script
@@ -95,7 +95,8 @@ def test_a_book_that_shuts_on_a_finger_leaves_no_place_at_the_angle_that_geometr
     assert squeezed[(angles < 0.99 * least)].all()
     shown = PlacedHand(found.joints, found.position, found.orientation)
     fingers = np.array([False, True, False, False, False])
-    depth = parts.penetration("mesh", hand_shape(hand), shown, fingers, slice(0, len(angles))).depth
+    touched = TouchedObject(parts.meshes[0], None, hand_shape(hand), fingers, 0.0, parts, "mesh")
+    depth = touched.penetration(shown).depth
     assert depth[~squeezed].max() == 0.0
     # It yields to the wall and the lower plate, and is as deep in the other as they leave it.
     away = np.sin(angles) * (WALL - RADIUS) - np.cos(angles) * RADIUS

@@ -8,7 +8,7 @@ from free_scenes import TIP, body_of, box, tongs
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.world.record import ObjectRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.scene_solver import WorldSolver
@@ -33,7 +33,7 @@ class Run(NamedTuple):
     """Ticks of both hands, and the object's."""
 
     hands: tuple[TickRecord, ...]
-    object: ObjectRecord
+    object: WorldRecord
 
 
 def pressing(ticks: int, height: float) -> list[HandConfiguration]:

@@ -62,17 +62,21 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
 
 
 @by_reference
-class ObjectRecord(NamedTuple):
-    """Results of a block of ticks for one body, world; first axis the tick, from `body` on the contact."""
+class WorldRecord(NamedTuple):
+    """Results of a block of B ticks for K bodies, world: motion and wrenches of each, and the contacts in rows.
 
-    turn: Array  # object's frame to the world, at the end of the tick: x ↦ turn · x + shift, (B, 4)
-    shift: Array  # [m], (B, 3)
-    velocity: Array  # of the centre of mass [m/s], (B, 3)
-    angular_velocity: Array  # [rad/s], (B, 3)
-    hand_wrench: Array  # on the object: force [N], moment about its centre [N·m], (B, 6)
-    table_wrench: Array  # likewise
-    table_distance: Array  # lowest point above the table [m], infinite without one, (B,)
-    friction_residual: Array  # the larger of `residual` and `bare` of `borne_dtype` [m], (B,)
+    The shapes are those of `hhsim.result.schema.body_fields`.
+    """
+
+    turn: Array  # body's frame to the world, at the end of the tick: x ↦ turn · x + shift, (K, B, 4)
+    shift: Array  # [m], (K, B, 3)
+    velocity: Array  # of the centre of mass [m/s], (K, B, 3)
+    angular_velocity: Array  # [rad/s], (K, B, 3)
+    hand_wrench: Array  # of the hands on the body: force [N], moment about its centre [N·m], (K, B, 6)
+    table_wrench: Array  # likewise of the table
+    body_wrench: Array  # likewise of the other bodies
+    table_distance: Array  # lowest point above the table [m], infinite without one, (K, B)
+    friction_residual: Array  # of the first body: the larger of `residual` and `bare` of `borne_dtype` [m], (K, B)
     contact: Indices  # first contact of each tick, and the end of the last one's, (B + 1,)
     # What touches the body: 16 h + b for hand body b of hand h, -1 for the table, -2 - k for body k, (rows,)
     body: Indices
@@ -82,6 +86,14 @@ class ObjectRecord(NamedTuple):
     friction_force: Array  # tangential force on the same [N], (rows, 3)
     torsional_moment: Array  # about the normal [N·m], (rows,)
     slip: Array  # tangential way of the contact in the tick [m], (rows,)
+    contact_body: Indices  # body that is touched, (rows,)
+    other_point: Array  # point as it goes with the other body [m], (rows, 3)
+
+    @property
+    def bodies(self) -> tuple["WorldRecord", ...]:
+        """Record of each body: its own motion and wrenches, without the axis of bodies, and all contacts."""
+        moving = self._fields.index("contact")
+        return tuple(WorldRecord(*own, *self[moving:]) for own in zip(*self[:moving]))
 
 
 @jit
@@ -267,26 +279,6 @@ def turn_loads(body: Record, active: Record) -> None:
         normal[0, i], normal[1, i], normal[2, i] = turned_back(body.rotation, x, y, z)
 
 
-@by_reference
-class WorldRecord(NamedTuple):
-    """Results of a block of ticks for all bodies."""
-
-    # Motion and wrenches with the body as their first axis; all contacts, with `body` -2 - k where body k touches.
-    bodies: ObjectRecord
-    contact_body: Indices  # body of each contact, (rows,)
-    other_point: Array  # of each contact as it goes with the other body [m], (rows, 3)
-    body_wrench: Array  # of the other bodies on each: force [N], moment about its centre [N·m], (K, B, 6)
-
-
-class BodiesRecord(NamedTuple):
-    """A `WorldRecord` with a record of each body, the first with all contacts."""
-
-    bodies: tuple[ObjectRecord, ...]
-    contact_body: Indices
-    other_point: Array
-    body_wrench: Array
-
-
 @jit
 def _about_center(body: Record, wrench: Array) -> None:
     # Take a wrench about the hinge to the centre of mass, object's frame.
@@ -298,7 +290,7 @@ def _about_center(body: Record, wrench: Array) -> None:
 
 
 @jit
-def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: ObjectRecord) -> None:
+def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: WorldRecord) -> None:
     # Row (body, i).
     copy_values(body.orientation[:], record.turn[i])
     center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
@@ -333,7 +325,7 @@ def _record_point(body: Record, place: Array, point_out: Array) -> None:
 
 
 @jit
-def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: ObjectRecord) -> None:
+def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: WorldRecord) -> None:
     record.body[row] = of
     for j in range(3):
         borne.point[k, j] -= body.center[j]
@@ -348,17 +340,17 @@ def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, reco
 @jit
 def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     """Copy what became of the bodies in the last tick to row i of their record."""
-    borne, problem, bodies, first = world.borne, world.problem, world.bodies, record.bodies
+    borne, problem, bodies = world.borne, world.problem, world.bodies
     for t in range(body_count(problem)):
         body = bodies[t]
-        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), first)
+        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), record)
         wrench, out = borne.body_wrench[t], record.body_wrench[t, i]
         if body.joint == HINGE:
             _about_center(body, wrench)
         for half in range(2):
             _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
-    first.friction_residual[0, i] = max(borne.residual, borne.bare)
-    row = first.contact[i]
+    record.friction_residual[0, i] = max(borne.residual, borne.bare)
+    row = record.contact[i]
     for k in range(borne.count):
         of = borne.body[k]
         number, other = body_of(problem, of), other_of(problem, of)
@@ -369,7 +361,7 @@ def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
             name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
             name = as_int64(-1)
-        _record_contact(bodies[number], name, k, borne, row, first)
+        _record_contact(bodies[number], name, k, borne, row, record)
         record.contact_body[row] = number
         row += 1
-    first.contact[i + 1] = row
+    record.contact[i + 1] = row

@@ -25,7 +25,7 @@ import numpy as np
 
 from hhsim.arrays import AnyArray, Records
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import COUNTERS
 from hhsim.live.processes import LoopProcess, RingReader, Stage, exit_code, process_setup
@@ -37,12 +37,11 @@ from hhsim.live.session.statistics import LiveTally, session_figures
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.replay.stored_scene import body_parts, describe_scene, hand_arrays
-from hhsim.replay.tick_rows import TickColumns, body_rows, contact_rows, free_columns
+from hhsim.replay.tick_rows import SceneRows
 from hhsim.result.miss_cause import by_name
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.result.schema import (
     BETWEEN_COLUMNS,
-    CONTACT,
     EVENT_COLUMNS,
     HANDS,
     HANDS_APART,
@@ -52,7 +51,6 @@ from hhsim.result.schema import (
     LIVE_TICK,
     LIVE_TICK_COLUMNS,
     TICK,
-    hand_tables,
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
@@ -79,48 +77,39 @@ Taken = Mapping[str, tuple[int, Records]]
 """Records of a hand by one of `RINGS`, each with the number of the first one."""
 
 
-class SessionColumns:
-    """Builds columns of a hand and of bodies, and of /contact, block by block, with the options of the loop."""
+class SessionRows:
+    """Builds the rows of hands and of bodies, and of /contact, block by block, with the options of the loop."""
 
-    def __init__(self, setup: LiveSetup, options: SolverOptions, hand: int = 0) -> None:
-        seen = setup.seen
-        self._hands = len(setup.worn)
-        parts = seen.parts
+    def __init__(self, setup: LiveSetup, options: SolverOptions, hands: int) -> None:
         # With room for the poses of as many ticks as a block may have.
+        parts = setup.seen.parts
         self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
+        seen, models = replace(setup.seen, parts=self.parts), [worn.model for worn in setup.worn[:hands]]
         self.bodies = body_parts(setup.scene, seen)
-        surface = seen.surface(options.surface)
-        self._columns = TickColumns(surface.arrays, setup.worn[hand].model, options, self.parts)
+        surfaces = [seen.surface(options.surface) for _ in models]
+        self._rows = SceneRows(seen, models, surfaces, options, list(self.bodies))
         self._is_free = setup.recorded_bodies > 0
-        self._pose = seen.place
         self._next = 0
 
-    def block(
-        self, first: int, records: Records, began_ns: int, bodies: Records | None = None
-    ) -> tuple[Columns, dict[str, Columns]]:
-        """Build the columns of the next ticks, of the hand, and of bodies that move by their groups.
+    def block(self, number: int, first: int, records: Sequence[Records], began_ns: int) -> dict[str, Columns]:
+        """Build the rows of the next ticks by their tables.
 
-        `records` are one or more of the ring, `first` the number of the first one, counted from the loop's beginning;
-        earlier ones may be lost. `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
-        `bodies` are records with the fields of bodies, by default these.
+        `records` are one or more of each hand's ring; those of the first hand are those of bodies, too. The first one
+        becomes row `number` of the file, and was the `first` counted from the loop's beginning: earlier ones may be
+        lost. `began_ns` is CLOCK_MONOTONIC at which the session's first tick was due [ns].
         """
-        bodies = records if bodies is None else bodies
+        bodies = records[0]
         if first != self._next:
-            self._columns.forget()
-        self._next = first + len(records)
-        haptic = HandConfiguration(*(records[f"haptic_{name}"] for name in HandConfiguration._fields))
-        record = TickRecord(*(np.ascontiguousarray(records[name]) for name in TickRecord._fields))
-        time = 1e-9 * (records["time_ns"] - began_ns)
-        moved = next(iter(self.moved(bodies)), None)
-        free, every = bodies_ticks(bodies) if self._is_free else (None, None)
-        own = {} if free is None else free_columns(free, *self._pose)
-        ticks = slice(len(records))
-        of_bodies = body_rows(self.parts, every, list(self.bodies), ticks, own)
-        return self._columns.block(ticks, time, records["input_seq"], haptic, record, moved)[1], of_bodies
-
-    def contacts(self, first: int, records: Records) -> Columns:
-        """Build the rows of /contact of these ticks; `first` is the number of their first row in /tick."""
-        return contact_rows(bodies_ticks(records)[0], first, self._hands) if self._is_free else {}
+            self._rows.forget()
+        self._next = first + len(bodies)
+        given = []
+        for of in records:
+            haptic = HandConfiguration(*(of[f"haptic_{name}"] for name in HandConfiguration._fields))
+            record = TickRecord(*(np.ascontiguousarray(of[name]) for name in TickRecord._fields))
+            given.append((of["input_seq"], haptic, record))
+        time = 1e-9 * (bodies["time_ns"] - began_ns)
+        free = bodies_ticks(bodies) if self._is_free else None
+        return self._rows.block(slice(len(bodies)), time, given, free, number)[1]
 
     def moved(self, records: Records) -> tuple[RigidMotion, ...]:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
@@ -137,7 +126,6 @@ class HandRecords:
         self.setup, self.worn, self.facts = setup, setup.worn[number], facts
         self.model = self.worn.model
         self.side = self.model.side
-        self.columns = SessionColumns(setup, options, number)
         self.lost = dict.fromkeys(RINGS, 0)
         self.tally = LiveTally()
         self.penetration_max = 0.0
@@ -204,7 +192,8 @@ class SessionWriter(ResultWriter):
         self.empty = True
         self.hands = [HandRecords(setup, options, number, of) for number, of in enumerate(facts)]
         self._began, self._both = -1, len(self.hands) > 1
-        bodies = self.hands[0].columns.bodies
+        self._rows = SessionRows(setup, options, len(self.hands))
+        bodies = self._rows.bodies
         apart = {HANDS_APART: setup.seen.free is not None or keeps_hands_apart(options)} if self._both else {}
         parts = {}
         for hand in self.hands:
@@ -242,25 +231,14 @@ class SessionWriter(ResultWriter):
 
     def _tick_tables(self, blocks: Sequence[tuple[int, Records]]) -> dict[str, dict[str, AnyArray]]:
         """Return the rows of the next ticks of all hands."""
-        of_bodies = blocks[0][1]
+        first, bodies = blocks[0]
         if self._began < 0:
-            self._began = int(of_bodies["time_ns"][0])
-        tables: dict[str, dict[str, AnyArray]] = {}
-        placed: dict[str, list[PlacedHand]] = {"haptic": [], "graphic": []}
-        for hand, (first, records) in zip(self.hands, blocks):
-            block, moved = hand.columns.block(first, records, self._began, of_bodies)
-            hand.count(records, block)
-            # What both hands say of time and bodies is the same.
-            tables = {**hand_tables(hand.side, block), **moved, **tables}
-            if self._both:
-                haptic = (block[f"haptic/{name}"] for name in HandConfiguration._fields)
-                placed["haptic"].append(forward_kinematics(hand.model, *haptic))
-                shown = (block[f"graphic/{name}"] for name in ("joints", "position", "orientation"))
-                placed["graphic"].append(PlacedHand(*shown))
-        models = [hand.model for hand in self.hands]
-        for column in BETWEEN_COLUMNS if self._both else ():
-            tables[TICK][column.name] = distance_of_hands(models, placed[column.name.rpartition("/")[2]])
-        return {**tables, CONTACT: self.hands[0].columns.contacts(self.ticks, of_bodies)}
+            self._began = int(bodies["time_ns"][0])
+        records = [records for _, records in blocks]
+        tables = self._rows.block(self.ticks, first, records, self._began)
+        for hand, taken in zip(self.hands, records, strict=True):
+            hand.count(taken, tables[f"{HANDS}/{hand.side}/{TICK}"])
+        return tables
 
     def complete(self, ended: str, counters: AnyArray, missed: int, missed_by: Mapping[str, int]) -> Path:
         """Write the summary, and mark the file complete.

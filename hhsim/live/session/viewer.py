@@ -25,9 +25,10 @@ from hhsim.hand.fingers import FINGERS
 from hhsim.live.processes import RingReader, Stage, exit_code, process_setup
 from hhsim.live.real_time import keep_off
 from hhsim.live.session.memory import SessionMemory, TickReader
-from hhsim.live.session.recorder import SessionColumns
+from hhsim.live.session.recorder import SessionRows
 from hhsim.live.session.setup import LiveSetup
 from hhsim.result.safety import why_free_or_held
+from hhsim.result.schema import HANDS, TICK
 from hhsim.view.plots import GLOVE, LIVE_PLOTS, LOOP, blueprint, loop_values, shown_ticks
 from hhsim.view.scene_log import APPLICATION, EVENT_LEVELS, RerunScene, ShownScene, status_words
 from hhsim.view.sink import parse_target, rerun_stream
@@ -61,7 +62,7 @@ class LiveViewer:
         self._memory = memory
         self._ticks = TickReader(memory)
         self._events = RingReader(memory.events)
-        self._columns = SessionColumns(setup, setup.options)
+        self._rows = SessionRows(setup, setup.options, hands=1)
         self._parent = os.getppid()
         self._stop = False
         self._begin_ns = -1
@@ -82,7 +83,7 @@ class LiveViewer:
             fingers=np.array([finger in setup.options.fingers for finger in FINGERS]),
             touch=setup.options.touch,
             surface=setup.options.surface,
-            parts=self._columns.parts,
+            parts=self._rows.parts,
             text=f"# Live session\n\n`{' '.join(setup.command)}`\n",
         )
         extent = float(np.linalg.norm(setup.seen.mesh.extent + HAND_MARGIN))
@@ -130,10 +131,11 @@ class LiveViewer:
             if self._begin_ns < 0:
                 self._begin_ns = int(records["time_ns"][0])
             # The newest tick, with plots of all of them.
-            block, _ = self._columns.block(first, records, self._begin_ns)
+            tables = self._rows.block(first, first, [records], self._begin_ns)
+            block = tables[TICK] | tables[f"{HANDS}/{self._setup.worn[0].model.side}/{TICK}"]
             loop = loop_values(records["wakeup_ns"], records["latency_ns"])
             more, last = {GLOVE: records["command_stiffness"], LOOP: loop}, [len(records) - 1]
-            moved = self._columns.moved(records)
+            moved = self._rows.moved(records)
             viewer.log_ticks(shown_ticks(block.__getitem__, records["tick"], last, [0], more, moved))
             newest = records[-1]
             tick, seconds = int(newest["tick"]), self._seconds(newest["time_ns"])

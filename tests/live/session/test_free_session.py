@@ -13,9 +13,9 @@ from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.kernels.world.record import ObjectRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.recorder import SessionColumns
+from hhsim.live.session.recorder import SessionRows
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
@@ -50,7 +50,7 @@ class Session(ScriptedSession):
         self.run()
         self.object, _ = bodies_ticks(self.ticks)
 
-    def again(self) -> tuple[TickRecord, ObjectRecord]:
+    def again(self) -> tuple[TickRecord, WorldRecord]:
         """The same ticks in one block, as a replay runs them."""
         setup = self.setup
         options = loop_options(setup.options, setup.rate)
@@ -117,18 +117,12 @@ def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, res
 
 
 def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: Session) -> None:
-    whole, parts = (SessionColumns(session.setup, session.setup.options) for _ in range(2))
-    (hand, bodies) = whole.block(0, session.ticks, 0)
-    ones = {"": hand, **bodies}
+    whole, parts = (SessionRows(session.setup, session.setup.options, 1) for _ in range(2))
     sizes = [0, 1, 3, 60, len(session.ticks)]
-    pieces = [parts.block(a, session.ticks[a:b], 0) for a, b in pairwise(sizes)]
-    blocks = [{"": of_hand, **of_bodies} for of_hand, of_bodies in pieces]
-    for of, one in ones.items():
+    blocks = [parts.block(a, a, [session.ticks[a:b]], 0) for a, b in pairwise(sizes)]
+    for of, one in whole.block(0, 0, [session.ticks], 0).items():
         for name, values in one.items():
             assert values.tobytes() == np.concatenate([block[of][name] for block in blocks]).tobytes(), name
-    rows = [parts.contacts(a, session.ticks[a:b]) for a, b in pairwise(sizes)]
-    for name, values in whole.contacts(0, session.ticks).items():
-        assert values.tobytes() == np.concatenate([row[name] for row in rows]).tobytes(), name
 
 
 def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:
