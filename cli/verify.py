@@ -38,8 +38,8 @@ def command(
 
     RESULT is a file that hhsim replay or hhsim live wrote; of two hands, both are checked. The scene is run again, and
     everything that a run writes is compared but measured times. Distances, forces, friction, motion, joints and the
-    cover of the trees are judged by code that shares nothing with the solver. The exit code is 1 where something is
-    false.
+    cover of the trees are judged by code that shares nothing with the solver. Where the collision library coal is
+    installed, it gives a second opinion on the nearest distances. The exit code is 1 where something is false.
 
     \b
     Examples:

@@ -1,5 +1,8 @@
 """Claims of depths: in spheres or triangles, in the true mesh, of the hand's own parts and of another hand."""
 
+from importlib.util import find_spec
+from typing import Any
+
 import numpy as np
 
 from hhsim.arrays import FloatArray
@@ -16,12 +19,14 @@ NEVER_IN = 1e-12
 """Rounding of a distance [m]: the depth allowed to a method that never penetrates."""
 MESH_LIMIT = 1e-6
 """Distances to the mesh are computed up to this value [m]."""
+EXACT = 1e-9
+"""Accuracy of coal's distances [m]."""
 MESH_TICKS = 64
 """Ticks between two progress reports of the distances to the mesh."""
 
 
 def depth_claims(judge: JudgedTicks) -> list[Claim]:
-    """Judge depths in bodies, in the hand itself and in another hand."""
+    """Judge depths in bodies, in the hand itself and in another hand, and the nearest pair by a library."""
     depth = np.maximum(0.0, -judge.nearest)
     finger = depth[:, :PALM].reshape(-1, 5, 3).max(axis=2)
     finger[:, ~judge.fingers] = np.nan
@@ -30,7 +35,7 @@ def depth_claims(judge: JudgedTicks) -> list[Claim]:
     depths = [np.asarray(judge.result[f"penetration_{name}"]) for name in ("depth", "palm", "finger")]
     off, says = difference(np.column_stack(depths), own).max(axis=1), f"the depth in the {judge.result.surface} is as "
     claims = [judged("depth", f"{says}stored", off, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)]
-    claims.append(_inside(judge, most))
+    claims += [_inside(judge, most), _by_library(judge)]
     if judge.self_contact:
         may = parts_that_may_meet(judge.hand, judge.fingers)
         nearest = meetings(judge.hand, judge.posed, may, 0.0).nearest(len(judge.numbers)).min(axis=1)
@@ -65,6 +70,36 @@ def _out_of(judge: JudgedTicks, name: str, what: str, nearest: FloatArray) -> Cl
     return judged(name, says, depth, LENGTH, "m", WHY_LENGTH, ticks=judge.numbers)
 
 
+def _by_library(judge: JudgedTicks) -> Claim:
+    name, says = "distance by coal", "the nearest pair is as far apart as the collision library has it"
+    if not has_coal():
+        return Claim(name, says, NOT_JUDGED, note="a second opinion by coal: pip install 'hhsim[verify]'")
+    cones, pairs, off, ticks = own_cones(judge.hand, judge.posed), judge.pairs, [], []
+    starts = [body.first for body in judge.bodies]
+    # Sorted by tick, then distance: the first of each tick is its nearest pair.
+    pairs = pairs.at(np.flatnonzero(np.isin(pairs.tick, judge.asked)))
+    order = np.lexsort((pairs.distance, pairs.tick))
+    for n in order[np.unique(pairs.tick[order], return_index=True)[1]]:
+        i, part, leaf = int(pairs.tick[n]), int(pairs.body[n]), int(pairs.leaf[n])
+        if part == PALM:
+            away = np.linalg.norm(judge.posed.palm[i] - pairs.point[n], axis=1)
+            part += int(np.abs(away - judge.hand.palm_radius).argmin())
+        body = judge.bodies[int(np.searchsorted(starts, leaf, side="right")) - 1]
+        leaf -= body.first
+        pieces = body.pieces
+        if pieces.triangles is not None and not pieces.triangles.solid[leaf]:
+            # Coal has no triangle without area.
+            continue
+        piece = (body.mesh.triangles[leaf],) if judge.on_mesh else (pieces.center[leaf], float(pieces.radius[leaf]))
+        row = i * (PALM + len(judge.hand.palm_radius)) + part
+        a, b = body.seen_points(np.stack([cones.a[row], cones.b[row]])[None], np.array([i]))[0]
+        found = coal_distance(a, b, float(cones.radius_a[row]), float(cones.radius_b[row]), *piece)
+        off.append(abs(found - float(pairs.distance[n])))
+        ticks.append(i)
+    note, why = "" if off else "nothing is near", "a nanometre, and the library's bounds"
+    return judged(name, says, off, LENGTH + EXACT, "m", why, ticks=ticks, note=note)
+
+
 def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[Claim, float]:
     """Judge the graphic hand against the true mesh; return the claim and the maximum depth [m]."""
     name, says = "mesh", "the graphic hand stays out of the true mesh"
@@ -95,3 +130,50 @@ def mesh_claim(judge: JudgedTicks, report: Progress, *, covers: bool) -> tuple[C
     assumed = [text for text in judge.result.scene.get("object_repairs") or [] if text.startswith(ASSUMED_SOLID)]
     note = "; ".join(filter(None, (note, left_out(judge.status, NO_PLACE), *assumed)))
     return Claim(name, says, verdict, depth, CLOSE, "m", worst if depth > 0.0 else None, checked, why, note), depth
+
+
+# A second opinion by the collision library coal, where it is installed. It has no round cones but balls: the cone's
+# distance is the minimum of d(x(s)) - r(s) along its axis, and d is convex for a sphere or a triangle.
+
+
+def has_coal() -> bool:
+    """Return True if coal is installed."""
+    return find_spec("coal") is not None
+
+
+def coal_distance(
+    a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, piece: FloatArray, size: float = 0.0
+) -> float:
+    """Compute the signed distance [m] of the hull of two balls to a triangle or a sphere, at most `EXACT` too large.
+
+    `a`, `b` are the centres of the balls [m], shape (3,), with their radii [m]; `piece` is a triangle's corners [m],
+    shape (3, 3), or a sphere's centre, shape (3,), of radius `size` [m].
+    """
+    import coal
+    from scipy.optimize import minimize_scalar
+
+    shape: Any = coal.Sphere(float(size))
+    place = coal.Transform3s()
+    if piece.ndim == 2:
+        # Coal has no distance of a lone triangle, but that of a hierarchy of one.
+        shape = coal.BVHModelOBBRSS()
+        shape.beginModel(1, 3)
+        shape.addVertices(np.array(piece))
+        shape.addTriangles(np.array([[0, 1, 2]]))
+        shape.endModel()
+    else:
+        place.setTranslation(np.array(piece))
+    request, answer, ball, there = coal.DistanceRequest(), coal.DistanceResult(), coal.Sphere(0.0), coal.Transform3s()
+    request.gjk_tolerance = 1e-12
+
+    def distance(share: float) -> float:
+        there.setTranslation(a + share * (b - a))
+        answer.clear()
+        radius = (1.0 - share) * radius_a + share * radius_b
+        return float(coal.distance(shape, place, ball, there, request, answer)) - radius
+
+    ends = min(distance(0.0), distance(1.0))
+    if np.array_equal(a, b):
+        return ends
+    # The search looks between the ends, and does not reach them.
+    return min(ends, float(minimize_scalar(distance, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-9}).fun))

@@ -1,13 +1,18 @@
-"""Claims of a file about itself: its seal, the stamps of its ticks, measured times, and commands to a glove."""
+"""Claims of a file about itself: seal and schema, the stamps of its ticks, measured times, and commands to a glove."""
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.arrays import BoolArray
+from hhsim.hand.model import SIDES
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import ticks_alone
+from hhsim.motion.trajectory import TickPhase
 from hhsim.replay.stored_scene import part_words, stored_checksums
+from hhsim.result import schema
 from hhsim.result.reader import Result
+from hhsim.system.hdf5_input import open_hdf5
 from hhsim.verify.claim import HOLDS, NOT_CLAIMED, Claim, all_true, difference, judged
 from hhsim.verify.second_run import is_measured
 
@@ -24,8 +29,8 @@ BETWEEN_CLOCKS = 1e-3
 
 
 def file_claims(result: Result) -> list[Claim]:
-    """Judge seal, stamps and measured times, and of a session the commands to the glove."""
-    judges = [_complete, _checksums, _time, _durations]
+    """Judge seal, schema, stamps and measured times, and of a session the commands to the glove."""
+    judges = [_complete, _checksums, schema_claim, _time, _durations]
     return [judge(result) for judge in (*judges, *([] if result.live is None else [_commands]))]
 
 
@@ -107,3 +112,38 @@ def _commands(result: Result) -> Claim:
     wrong = (np.asarray(result["live/tick/safety"]) != 0) & ~(stiffness <= 0.0).all(axis=1)
     says = "with any reason in safety, no finger of the glove is held"
     return all_true("commands", says, wrong, ticks=np.arange(result.ticks))
+
+
+def schema_claim(result: Result) -> Claim:
+    """Judge that each dataset of the file is a known one, with the unit and the description of its name."""
+    known: dict[str, schema.Column | None] = dict.fromkeys(f"phase/{name}" for name in TickPhase._fields)
+    for side in SIDES:
+        groups = {
+            "": schema.HAND_STATIC,
+            "tick/": schema.hand_columns(),
+            "skin/": schema.SKIN_COLUMNS,
+            f"{schema.LIVE_TICK}/": schema.LIVE_TICK_COLUMNS,
+            f"{schema.LIVE_SAMPLE}/": schema.sample_columns(0),
+            f"{schema.LIVE_EVENT}/": schema.EVENT_COLUMNS,
+        }
+        known |= {f"hands/{side}/{of}{one.name}": one for of, columns in groups.items() for one in columns}
+    for body in result.bodies:
+        known |= {f"bodies/{body}/{column.name}": column for column in schema.BODY_STATIC}
+        known |= {f"bodies/{body}/tick/{column.name}": column for column in schema.BODY_COLUMNS}
+    known |= {f"contact/{column.name}": column for column in schema.CONTACT_COLUMNS}
+    known |= {f"tick/{column.name}": column for column in (schema.TIME, *schema.BETWEEN_COLUMNS)}
+    known |= {f"{schema.FRAME}/{column.name}": None for column in schema.POSE_COLUMNS}
+    with open_hdf5(result.path) as file:
+        found: dict[str, h5py.Dataset] = {}
+        file.visititems(lambda path, item: found.update({path: item} if isinstance(item, h5py.Dataset) else {}))
+        wrong = {
+            path: path not in known
+            or (
+                (column := known[path]) is not None
+                and (item.attrs.get("units"), item.attrs.get("long_name")) != (column.units, column.long_name)
+            )
+            for path, item in found.items()
+        }
+    note = ", ".join(path for path, differs in wrong.items() if differs)
+    says = "each dataset is a known one, with the unit and the description of its name"
+    return all_true("schema", says, [*wrong.values()], note=note)

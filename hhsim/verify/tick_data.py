@@ -66,7 +66,7 @@ class JudgedBody:
 
 
 class JudgedTicks:
-    """Ticks of a replay or a session, judged lazily; those that are `asked` beside the true mesh, too, None: all."""
+    """Ticks of a replay or a session, judged lazily; a slow library looks at those that are `asked`, None: all."""
 
     def __init__(self, result: Result, asked: IntArray | None = None) -> None:
         self.result = result

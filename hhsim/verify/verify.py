@@ -26,7 +26,9 @@ from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.tree_checks import palm_claim, tree_claims
 
 LONG, SAMPLED_EVERY = 10_000, 50
-"""Ticks from which on the true mesh of a run is looked at in sampled ticks alone, and the sampling interval."""
+"""Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
+SAMPLED = ("distance by coal", "mesh")
+"""Claims judged at sampled ticks of a long run, because they are slow."""
 GROUPS = ("seal", "second run", "depth", "forces", "friction", "motion", "joints", "trees")
 """What claims are of, in the order of the output."""
 
@@ -37,7 +39,7 @@ class Verification:
 
     claims: tuple[Claim, ...]  # every claim with its verdict, by groups
     ticks: int  # number of ticks in the file
-    looked_at: int  # number of ticks in which the true mesh was; all else is judged at every tick
+    looked_at: int  # number of ticks at which the claims of `SAMPLED` were judged; all others are judged at every tick
     every: int  # sampling interval of those [ticks]
     sphere_penetration: float  # maximum depth in the leaf spheres [m]; NaN for a hand that touched the mesh
     mesh_penetration: float  # maximum depth in the true mesh [m]; NaN where it could not be judged
@@ -61,10 +63,11 @@ class Verification:
 
     @property
     def looked(self) -> str:
-        """Number of judged ticks, and how many the true mesh was looked at in, in words."""
+        """Number of judged ticks and the sampled claims, in words."""
         if self.looked_at == self.ticks:
             return f"{counted(self.ticks, 'tick')} looked at"
-        return f"{counted(self.ticks, 'tick')} looked at; mesh: 1 in {self.every} ticks"
+        names = dict.fromkeys(claim.name for claim in self.claims if claim.name in SAMPLED)
+        return f"{counted(self.ticks, 'tick')} looked at; {', '.join(names)}: 1 in {self.every} ticks"
 
     @property
     def passed(self) -> bool:
@@ -90,7 +93,7 @@ def verify(
 
     Args:
         result: Complete or not.
-        every: Interval at which the true mesh is looked at [ticks]; None: 1 below `LONG` ticks, else `SAMPLED_EVERY`.
+        every: Sampling interval of the claims in `SAMPLED` [ticks]; None: 1 below `LONG` ticks, else `SAMPLED_EVERY`.
             The ticks that the file itself names as worst are judged besides.
         trust: Import and run the code of a method that the file names for that, `package.module:Class`.
         progress: Called with a label, the work done and the total work.
@@ -140,7 +143,7 @@ def physics(
 
 
 def chosen_ticks(result: Result, every: int) -> IntArray:
-    """Ticks of the claim of the true mesh: one in `every`, the last, those that the file names as worst, and leaps.
+    """Ticks judged by the sampled claims: one in `every`, the last, those that the file names as worst, and leaps.
 
     A leap moves a joint by more than the thinnest phalanx's radius, so it could pass a surface between two ticks.
     """

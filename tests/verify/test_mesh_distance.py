@@ -1,4 +1,4 @@
-"""The referee's distances against closed forms, brute force and hhsim's kernels."""
+"""The referee's distances against closed forms, brute force, hhsim's kernels and, where it is installed, coal."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,8 @@ from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.mesh_penetration import RESOLUTION, mesh_clearance
-from hhsim.verify.contacts import PALM, RoundCones
+from hhsim.verify.contacts import PALM, RoundCones, ready_triangles
+from hhsim.verify.depth_checks import EXACT, coal_distance, has_coal
 from hhsim.verify.mesh_distance import TrueSurface
 
 BOX = trimesh.creation.box((0.1, 0.06, 0.04))
@@ -118,19 +119,19 @@ def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
     ).min()
     between = 0.5 / 200 * (np.linalg.norm(b - a) + abs(radius_b - radius_a))
     assert least - between - 1e-9 <= found <= least + 1e-9
+    if has_coal() and ready_triangles(mesh.triangles).solid[0]:
+        assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, mesh.triangles[0]), abs=2 * EXACT)
 
 
-@given(places, places, places, radii, radii)
-def test_a_round_cone_is_as_far_from_a_point_as_its_nearest_ball(
-    point: Points, a: Points, b: Points, radius_a: float, radius_b: float
+@given(places, radii, places, places, radii, radii)
+@pytest.mark.skipif(not has_coal(), reason="coal is not installed: pip install 'hhsim[verify]'")
+def test_a_round_cone_is_as_far_from_a_sphere_as_coal_has_it(
+    center: Points, radius: float, a: Points, b: Points, radius_a: float, radius_b: float
 ) -> None:
-    place, size = RoundCones(a[None], b[None], np.array([radius_a]), np.array([radius_b])).nearest_balls(point[None])
-    share = np.linspace(0.0, 1.0, 201)[:, None]
-    least = (
-        np.linalg.norm(point - a - share * (b - a), axis=1) - (radius_a + share * (radius_b - radius_a))[:, 0]
-    ).min()
-    between = 0.5 / 200 * (np.linalg.norm(b - a) + abs(radius_b - radius_a))
-    assert least - between - 1e-9 <= float(np.linalg.norm(place - point) - size[0]) <= least + 1e-9
+    cone = RoundCones(a[None], b[None], np.array([radius_a]), np.array([radius_b]))
+    place, size = cone.nearest_balls(center[None])
+    found = float(np.linalg.norm(place - center) - size[0] - radius)
+    assert found == pytest.approx(coal_distance(a, b, radius_a, radius_b, center, radius), abs=2 * EXACT)
 
 
 def from_segment(point: Points, a: Points, b: Points) -> float:
