@@ -76,19 +76,21 @@ MORE_OF_RESULTS = (
     "compare result.h5 FILE --json",
     "export FILE out.csv",
     "gate FILE --baseline result.h5",
-    "verify FILE --every 1 --again --json",
+    "verify FILE --every 1 --json",
 )
 REPAIR = "repair FILE --object ball.obj --rate 100 --hand right --world-up y --length-unit m --max-correction 200"
 MOTION_COMMANDS = ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")
 SESSION_COMMANDS = (
     *RESULT_COMMANDS,
-    *("report FILE --json", "verify FILE --every 1 --again --json", "compare FILE FILE", "export FILE out.csv"),
+    *("report FILE --json", "verify FILE --every 1 --json", "compare FILE FILE", "export FILE out.csv"),
     "gate FILE",
 )
 TREE_COMMANDS = ("replay cup touch --tree FILE --out again.h5",)
 MESH_COMMANDS = ("replay FILE touch --unit m --level 2 --out again.h5",)
 REPAIRED = ("hand.npy", "hand.json", "hand.csv", "hand.npz", "openxr.csv")
 """Joints of a hand, as `hhsim repair` takes them."""
+WRITTEN = {"hand.json": ".npz"}
+"""Suffix that a repair writes of what is only read."""
 KINDS = (
     *(Kind("result.h5", seal, RESULT_COMMANDS) for seal in ("kept", "bare")),
     *(Kind("tree.h5", seal, TREE_COMMANDS) for seal in ("kept", "bare")),
@@ -109,7 +111,7 @@ OTHER_KINDS = (
     Kind("hand.toml", "bare", ("replay cube pinch --hand-file FILE --level 2 --ticks 50 --out again.h5",)),
     Kind("suite.toml", "bare", ("gate FILE --no-time",)),
     Kind("plan.toml", "bare", ("sweep FILE --dry-run --json",)),
-    *(Kind(name, "bare", (f"{REPAIR} --out FILE{Path(name).suffix}",)) for name in REPAIRED),
+    *(Kind(name, "bare", (f"{REPAIR} --out FILE{WRITTEN.get(name, Path(name).suffix)}",)) for name in REPAIRED),
     Kind("columns.toml", "bare", ("import table.csv --columns FILE --out taken.h5",)),
 )
 

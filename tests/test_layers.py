@@ -24,8 +24,8 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 47_040, "build_tree": 15_080}
-"""Lines that a command can import, of some 80,200; who lowers what it imports lowers these."""
+MOST_LINES = {"replay": 46_220, "build_tree": 15_090}
+"""Lines that a command can import, of some 79,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
     for name in ("bench", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")

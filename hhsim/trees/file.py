@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import TypeVar
 
@@ -96,26 +96,24 @@ def _arrays(cover: LevelCover, is_last: bool) -> dict[str, AnyArray]:
     spheres = {} if is_last else {"center": cover.center, "radius": cover.radius}
     owner = cover.proof[cover.proof >= 0]
     halved = np.where(cover.proof < 0, -cover.proof, 0).astype(np.int8)
-    narrow = np.int16 if len(cover.radius) <= np.iinfo(np.int16).max else np.int32
-    return {**spheres, "depth": cover.depth, "proof": halved, "owner": owner.astype(narrow)}
+    numbers = owner.astype(np.min_scalar_type(len(cover.radius)))
+    return {**spheres, "depth": cover.depth, "proof": halved, "owner": numbers}
 
 
 def _read_cover(group: h5py.Group, leaves: dict[str, AnyArray]) -> LevelCover:
-    halved, owner = group["proof"][()].astype(np.int32), group["owner"][()]
-    proof = -halved
-    ends = halved == 0
+    proof, owner = -group["proof"][()].astype(np.int32), group["owner"][()]
+    ends = proof == 0
     if len(owner) != np.count_nonzero(ends):
         raise InputError(f"{group.name}: the proof needs {np.count_nonzero(ends):,} owners, and has {len(owner):,}")
     proof[ends] = owner
-    spheres = leaves or {name: read_numbers(group[name]) for name in ("center", "radius")}
+    spheres = leaves | {name: read_numbers(group[name]) for name in leaves if name in group}
     return LevelCover(**spheres, depth=read_numbers(group["depth"]), proof=proof, gap=float(group.attrs["gap"]))
 
 
 def _write_dataset(group: h5py.Group, name: str, data: AnyArray, units: str, long_name: str) -> None:
     # Bytes in turn help where the values are of one magnitude; the codes of a proof repeat as they are.
-    whole = {"compression": "gzip", "chunks": data.shape, "shuffle": data.dtype.kind == "f"}
-    packing = whole if data.size > _WORTH_PACKING else {}
-    put_dataset(group, name, data, units, long_name, **packing)
+    packing = {"compression": "gzip", "chunks": data.shape, "shuffle": data.dtype.kind == "f"}
+    put_dataset(group, name, data, units, long_name, **(packing if data.size > _WORTH_PACKING else {}))
 
 
 def load_tree(path: str | Path, shipped: bool = False) -> SphereTree:
@@ -154,19 +152,17 @@ def _read(file: h5py.Group) -> SphereTree:
     version = int(file.attrs.get("schema_version", 0))
     if version != SCHEMA_VERSION:
         raise InputError(f"schema version {version}, this hhsim reads {SCHEMA_VERSION}")
-    columns = {name: file["errors"][name][()] for name in _ERROR_NAMES}
-    if len({len(column) for column in columns.values()}) != 1:
+    columns = [file["errors"][name][()].tolist() for name in _ERROR_NAMES]
+    if len(set(map(len, columns))) != 1:
         raise InputError("the errors of the levels have different lengths")
-    names = [item.name for item in fields(LevelError)]
-    errors = tuple(LevelError(*(columns[name][row].item() for name in names)) for row in range(len(columns["level"])))
+    errors = tuple(LevelError(**dict(zip(_ERROR_NAMES, row))) for row in zip(*columns))
     if not all(np.isfinite(list(asdict(error).values())).all() for error in errors):
         raise InputError("an error of a level is not finite")
     covers = file["covers"]
     if set(covers) != {str(level) for level in range(len(covers))}:
         raise InputError(f"covers of the levels {', '.join(covers)}; expected one for each level from 0 on")
     center, radius, level = read_numbers(file["center"]), read_numbers(file["radius"]), file["level"][()]
-    depth = level.max(initial=0)
-    first = int(np.searchsorted(level, depth))
+    first = int(np.searchsorted(level, level.max(initial=0)))
     leaves = {"center": center[first:], "radius": radius[first:]}
     return SphereTree(
         center=center,
@@ -176,5 +172,5 @@ def _read(file: h5py.Group) -> SphereTree:
         errors=errors,
         mesh_sha256=str(file.attrs["mesh_sha256"]),
         options=dict(json.loads(file.attrs["options"])),
-        covers=tuple(_read_cover(covers[str(at)], leaves if at == depth else {}) for at in range(len(covers))),
+        covers=tuple(_read_cover(covers[str(at)], leaves) for at in range(len(covers))),
     )
