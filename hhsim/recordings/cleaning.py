@@ -34,6 +34,7 @@ from hhsim.recordings.recording import (
     note,
     turn,
 )
+from hhsim.recordings.unit_detection import near_origin
 from hhsim.system.counted import counted
 from hhsim.table.table import number, words
 
@@ -157,7 +158,7 @@ def clean_recording(recording: Recording, options: CleaningOptions | None = None
         raise TrajectoryError("no samples; expected at least 2")
     if recording.object_motion is not None and options.other_hand:
         raise InputError("--other-hand would part the hand from the object, which moves as the recording has it")
-    recording = recording.chosen(np.arange(recording.sample_count))
+    (recording,) = near_origin(recording.chosen(np.arange(recording.sample_count)))
     recording = _clean_stamps(_cut(recording, options.start, options.end), options.max_gap)
     recording = _unit_quaternions(recording)
     if recording.sample_count >= 8:

@@ -153,6 +153,15 @@ class Recording:
         frame = self.file_frame._replace(metre=self.file_frame.metre * factor)
         return replace(self, position=self.position * factor, object_motion=moved, joints=joints, file_frame=frame)
 
+    def shifted(self, step: FloatArray) -> Self:
+        """Return it with palm, joints and object moved by a step in its world, shape (3,); its file's frame stays."""
+        moved, still = self.object_motion, self.object_position
+        moved = moved and moved._replace(position=moved.position + step)
+        joints = None if self.joints is None else self.joints + step
+        still = None if still is None else still + step
+        at = self.position + step
+        return replace(self, position=at, object_motion=moved, object_position=still, joints=joints)
+
     def changed(self, **fields: Any) -> Self:
         """Return it with these fields replaced."""
         return replace(self, **fields)

@@ -134,6 +134,17 @@ def _lengths(recording: Recording) -> Recording:
     return _converted(recording, text).resized(LENGTH_UNITS["mm"])
 
 
+def near_origin(*recordings: Recording) -> tuple[Recording, ...]:
+    """Move the origin of hands in one world [m] near to the first one's palm, by whole metres, if that is far away."""
+    place = recordings[0].position[np.isfinite(recordings[0].position).all(axis=1)]
+    middle = np.round(np.median(place, axis=0)) if place.size else np.zeros(3)
+    if np.linalg.norm(middle) <= FAR:
+        return recordings
+    at = ", ".join(f"{each:.0f}" for each in middle)
+    text = f"palm {np.linalg.norm(middle):.4g} m from the origin, which is moved to ({at}) m; sizes and paths stay"
+    return tuple(each.shifted(-middle).found(note(text)) for each in recordings)
+
+
 def _angles(recording: Recording) -> Recording:
     angles, stated = recording.angles, "angle" in recording.stated
     if not angles.size:

@@ -332,6 +332,8 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         right, left = (resolve_trajectory(path / f"{side}_motion.csv") for side in SIDES)
         return right, left
     if is_imported(path):
+        from hhsim.recordings.unit_detection import near_origin
+
         # Each wrist would stand at the origin without a world: that of the recording keeps their distance.
         recordings = [read_imported(path, side, {"usual_up": "z", **(reading or {})}) for side in SIDES]
         # On the file's own clock: stamps count from each hand's first one.
@@ -343,7 +345,7 @@ def two_handed_motions(word: str, reading: Reading | None = None) -> tuple[Motio
         chosen = [one.chosen(inside) for one, inside in zip(recordings, shared)]
         if not any(np.nan_to_num(one.position).any() for one in chosen):
             raise TrajectoryError(f"{word}: no place of either hand, so nothing tells how far apart they are")
-        right, left = (clean_imported(path, hand) for hand in chosen)
+        right, left = (clean_imported(path, hand) for hand in near_origin(*chosen))
         return right, left
     if holds_a_result(path):
         if load_result(path).name:

@@ -258,6 +258,32 @@ def test_metres_far_from_the_origin_stay_metres(origin: list[float], scale: floa
     np.testing.assert_allclose(found.object_motion.position - found.position, 0.1, atol=1e-11)
 
 
+@pytest.mark.parametrize(
+    ("origin", "scale", "options"),
+    [
+        ([3200.0, -1800.0, 50.0], 1.0, {}),
+        ([150.0, 20.0, 1.0], 1.0, {}),
+        ([3200.0, -1800.0, 50.0], 1.0, {"length_unit": "m"}),
+        ([6.0, 6.0, 1.0], 1.0, {"length_unit": "m"}),
+        ([6e4, 6e4, 0.0], 1e3, {"length_unit": "mm"}),
+    ],
+)
+def test_metres_far_from_the_origin_stay_metres_and_the_origin_moves(
+    origin: list[float], scale: float, options: dict[str, Any]
+) -> None:
+    small = 0.3 * CLEAN.position
+    far = scale * small + origin
+    moved = ObjectMotion(far + 0.1 * scale, IDENTITY)
+    repaired = cleaned(changed(position=far, object_motion=moved), **options)
+    motion = repaired.trajectory
+    assert np.linalg.norm(motion.position, axis=1).max() < 2.0 and repaired.mended == 0
+    np.testing.assert_allclose(np.diff(motion.position, axis=0), np.diff(small, axis=0), atol=1e-11)
+    assert motion.object_motion is not None
+    np.testing.assert_allclose(motion.object_motion.position - motion.position, 0.1, atol=1e-11)
+    (text,) = (finding.text for finding in repaired.findings if "origin" in finding.text)
+    assert "m from the origin, which is moved to" in text
+
+
 def test_degrees_of_a_nearly_flat_hand_are_not_taken_for_radians() -> None:
     assert np.abs(FEW_DEGREES.angles).max() < 3.4, "below 200° as radians"
     degrees = cleaned(FEW_DEGREES, angle_unit="deg").trajectory

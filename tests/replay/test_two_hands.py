@@ -141,8 +141,9 @@ def test_a_recording_of_two_hands_gives_both_over_the_time_that_both_have(tmp_pa
         two_handed_motions(str(path))
 
 
-def test_two_hands_without_a_world_keep_their_distance(tmp_path: Path) -> None:
-    hands = {"right": joint_sample().named(), "left": joint_sample("left").named() + [0.3, 0.0, 0.0]}
+@pytest.mark.parametrize("origin", [0.0, 150.0])
+def test_two_hands_without_a_world_keep_their_distance(origin: float, tmp_path: Path) -> None:
+    hands = {"right": joint_sample().named() + origin, "left": joint_sample("left").named() + origin + [0.3, 0.0, 0.0]}
     frames = [
         {"t": t, **{side: {"landmarks": points[k].tolist()} for side, points in hands.items()}}
         for k, t in enumerate(joint_sample().motion.time.tolist())
