@@ -148,7 +148,7 @@ LOOK, FORESEE, ADD, SHARE, SHARE_OF_TWO = map(as_int64, range(5))
 
 @jit_inline
 def ask_pairs(code: PairsCode, asked: int, length: float, radius: float) -> float:
-    """Do what `do_pairs` does, where there are pairs, of which all are else apart: 1 for SHARE, 0 for all others."""
+    """Do a stage as `do_pairs` does; without pairs return 1 for SHARE, and 0 for all others."""
     if code.doing == 0:
         return 1.0 if asked == SHARE else 0.0
     return number_of_code(code.doing, (code.given, as_int64(asked), length, radius))
@@ -323,7 +323,7 @@ def _motions_since(pairs: HandPairs) -> tuple[float, float]:
 
 @jit
 def _step_motions(pairs: HandPairs) -> tuple[float, float]:
-    """Bound the motions of the step at hand, and return the same."""
+    """Bound the motions of the step at hand; returns as `_motions_since`."""
     rows, own, cross = pairs.rows[0], 0.0, 0.0
     enough = 0.5 * rows.least[CROSS]
     for h in range(pairs.hands):
