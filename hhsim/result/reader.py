@@ -389,6 +389,8 @@ def load_result(path: str | Path) -> Result:
         for body in named:
             group = file[schema.BODIES][body]
             kind, properties = str(group.attrs["kind"]), _mapping(str(group.attrs["properties"]))
+            if words := [key for key, value in properties.items() if isinstance(value, str)]:
+                raise DamagedFileError(f"damaged: {words[0]} of body '{body}' is no number")
             own = tuple(column for column in schema.BODY_COLUMNS if column.name in group.get(schema.TICK, ()))
             bodies[body] = Body(kind, _static(group, schema.BODY_STATIC, _TREE), own, properties, body, found)
             kinds = ("fixed", "free") if "velocity" in bodies[body] else ("fixed", "driven")
