@@ -11,7 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.surface import seen_as
-from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, PartsMotion, part_dtype, part_pieces
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -114,17 +114,13 @@ def _starts(counts: list[list[int]], columns: int) -> Any:
 
 
 def _joined_trees(parts: Sequence[TreeArrays]) -> tuple[TreeArrays, Any]:
-    start = _starts([[len(tree.x), 0] for tree in parts], TREE_COLUMNS)
-    start[:-1, 1] = [tree.leaf_start for tree in parts]
-    fields = TreeArrays._fields[:-1]
-    joined: list[Any] = [np.concatenate([getattr(tree, name) for tree in parts]) for name in fields]
-    joined.append(parts[0].leaf_start)
-    return TreeArrays(*joined), start
+    joined = TreeArrays(*(np.concatenate(arrays) for arrays in zip(*parts)))
+    return joined, _starts([[len(tree.x)] for tree in parts], TREE_COLUMNS)
 
 
 def _joined_meshes(parts: Sequence[MeshFeatures]) -> tuple[MeshFeatures, Any]:
     counted = ("face", "edge", "wing_start", "wing", "vertex", "spoke_start", "spoke", "multiplicity", "pseudonormal")
-    counts = [[len(mesh.spheres.child), *(len(getattr(mesh, name)) for name in counted)] for mesh in parts]
-    spheres = FaceSpheres(*(np.concatenate(arrays) for arrays in zip(*(mesh.spheres for mesh in parts))))
+    counts = [[len(mesh.tree.x), *(len(getattr(mesh, name)) for name in counted)] for mesh in parts]
+    tree, _ = _joined_trees([mesh.tree for mesh in parts])
     rest: list[Any] = [np.concatenate([getattr(mesh, name) for mesh in parts]) for name in MeshFeatures._fields[1:]]
-    return MeshFeatures(spheres, *rest), _starts(counts, MESH_COLUMNS)
+    return MeshFeatures(tree, *rest), _starts(counts, MESH_COLUMNS)

@@ -36,7 +36,7 @@ from hhsim.kernels.contact.surface import (
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
-from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.round_cone import RoundCone
 from hhsim.kernels.sphere_tree import TreeArrays
@@ -196,7 +196,7 @@ MESH_COLUMN = (
     | {"multiplicity": 8, "pseudonormal": 9}
 )
 """Column of `JointedSurface.start` for each field of `MeshFeatures` but the first, whose column is 0."""
-TREE_COLUMNS, MESH_COLUMNS = 2, 10
+TREE_COLUMNS, MESH_COLUMNS = 1, 10
 """Columns for parts of spheres and of triangles."""
 
 
@@ -243,22 +243,13 @@ class JointedSurface(NamedTuple):
     motion: PartsMotion
 
 
-def _part_of_trees(tree: TreeArrays, first: Indices, end: Indices) -> TreeArrays:
-    # Columns: the first node, and which of the part's nodes is its first leaf.
-    a, b = first[0], end[0]
-    children = tree.first_child[a:b], tree.child_count[a:b]
-    return TreeArrays(tree.x[a:b], tree.y[a:b], tree.z[a:b], tree.radius[a:b], *children, int(first[1]))
-
-
-def _part_of_meshes(mesh: MeshFeatures, first: Indices, end: Indices) -> MeshFeatures:
-    spheres = mesh.spheres.block[first[0] : end[0]], mesh.spheres.child[first[0] : end[0]]
-    arrays: Any = [getattr(mesh, name)[first[k] : end[k]] for name, k in MESH_COLUMN.items()]
-    return MeshFeatures(FaceSpheres(*spheres), *arrays)
-
-
 def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
     """Return the pieces of one part; `first` and `end` are two rows of `JointedSurface.start`."""
-    return (_part_of_trees if isinstance(pieces, TreeArrays) else _part_of_meshes)(pieces, first, end)
+    if isinstance(pieces, TreeArrays):
+        nodes: Any = [values[first[0] : end[0]] for values in pieces]
+        return TreeArrays(*nodes)
+    arrays: Any = [getattr(pieces, name)[first[k] : end[k]] for name, k in MESH_COLUMN.items()]
+    return MeshFeatures(part_pieces(pieces.tree, first, end), *arrays)
 
 
 _row = cast(Callable[[Any, Indices, int], Any], intrinsic(declare_row))

@@ -47,18 +47,9 @@ from hhsim.kernels.mesh.feature_distance import (
     vertex_bound,
     vertex_distances,
 )
-from hhsim.kernels.mesh.features import (
-    ALONG,
-    BRANCHING,
-    EDGE_FIELDS,
-    FACE_FIELDS,
-    NOWHERE,
-    MeshFeatures,
-    block_distance,
-    gather_faces,
-)
+from hhsim.kernels.mesh.features import ALONG, EDGE_FIELDS, FACE_FIELDS, MeshFeatures
 from hhsim.kernels.round_cone import RoundCone, count_within, least_distance, sphere_cone
-from hhsim.kernels.sphere_tree import STACK_SIZE
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_pieces, nearest_piece, piece_distance, tree_of
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
 
 PALM_SPHERES = 1024
@@ -134,8 +125,7 @@ CANDIDATES = np.dtype(
         ("extra_slack", np.float64, (PROBES,)),  # slack of each of the palm's spheres beyond that of the palm [m]
         ("least", np.float64, (PROBES,)),  # least distance of each probe [m]
         ("skin_share", np.int64, (PROBES,)),  # index in `SKIN_SHARES` of each probe's last gathering
-        ("near", np.float64, (PROBES, BRANCHING)),  # workspace of a walk, as the last two
-        ("scratch", np.int64, (FOUND_CAPACITY + 2 * OWNED,)),
+        ("scratch", np.int64, (FOUND_CAPACITY + 2 * OWNED,)),  # workspace of a walk, as the last
         ("stack", np.int64, (STACK_SIZE,)),
     ],
     align=True,
@@ -197,8 +187,7 @@ def _list_features(
     look_out = LOOK_OUT * reach if far else reach
     found = walk.scratch[: walk.scratch.shape[0] - 2 * OWNED]
     batch_edges, batch_vertices = walk.scratch[-2 * OWNED : -OWNED], walk.scratch[-OWNED:]
-    stack, block = walk.stack, candidates.near[which]
-    count, slack, tests = gather_faces(mesh.spheres, cone, reach, look_out, stack, block, found[:most_faces])
+    count, slack, tests = gather_pieces(mesh.tree, cone, reach, look_out, walk.stack, found[:most_faces])
     work[COUNT_NODE_TESTS] += tests + FINDING * max(count, 0)
     if count < 0:
         return -np.inf
@@ -360,8 +349,8 @@ def _gather(
             # If the sphere around a group is near nothing, nor is any of them; the walk ends at the first face.
             x, y, z, radius = palm[0, group], palm[1, group], palm[2, group], palm[3, group]
             cone = placed_sphere(pose.position[:], pose.rotation[:], x, y, z, radius)
-            near, none = candidates.near[PALM_BODY], walk.scratch[:0]
-            count, clearance, tests = gather_faces(mesh.spheres, cone, reach, LOOK_OUT * reach, walk.stack, near, none)
+            none = walk.scratch[:0]
+            count, clearance, tests = gather_pieces(mesh.tree, cone, reach, LOOK_OUT * reach, walk.stack, none)
             walk.work[COUNT_NODE_TESTS] += tests
             if count == 0:
                 for which in range(first, last):
@@ -787,65 +776,33 @@ def _cone_contacts(
     mesh: MeshFeatures, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
 ) -> tuple[int, float]:
     # Each triangle counts where it is nearest to the axis, and at the ends of a phalanx, which may lie flat on it.
-    spheres, stack = mesh.spheres, walk.stack
-    clearance = np.inf
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        for i in range(BRANCHING):
-            child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
-            if away > limit:
-                clearance = min(clearance, away)
-                continue
-            if child >= 0:
-                stack[top] = child
-                top += 1
-                continue
-            face = -1 - child
-            distance, s = triangle_distance(mesh.corner, mesh.face, face, cone)
-            if distance > limit:
-                clearance = min(clearance, distance)
-                continue
-            triangle = triangle_at(mesh.corner, face)
-            row = _contact(triangle, cone, s, limit, row, pairs_out)
-            for end in (0.0, cone.length):
-                if row >= 0 and end != s and cone.length > 0.0:
-                    row = _contact(triangle, cone, end, limit, row, pairs_out)
-            if row < 0:
-                return -1, 0.0
-    return row, clearance
+    count, clearance, _ = gather_pieces(mesh.tree, cone, limit, limit, walk.stack, walk.scratch)
+    for i in range(count):
+        face = walk.scratch[i]
+        distance, s = triangle_distance(mesh.corner, mesh.face, face, cone)
+        if distance > limit:
+            clearance = min(clearance, distance)
+            continue
+        triangle = triangle_at(mesh.corner, face)
+        row = _contact(triangle, cone, s, limit, row, pairs_out)
+        for end in (0.0, cone.length):
+            if row >= 0 and end != s and cone.length > 0.0:
+                row = _contact(triangle, cone, end, limit, row, pairs_out)
+        if row < 0:
+            return -1, 0.0
+    return row if count >= 0 else -1, clearance
 
 
-@jit
-def _nearest_triangle(mesh: MeshFeatures, cone: RoundCone, best: float, stack: Indices) -> tuple[float, int, float]:
-    """Return the least distance below `best` [m], its triangle, -1 for none, and where on the axis it is."""
-    spheres = mesh.spheres
-    found, parameter = -1, 0.0
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        nearest = np.inf
-        for i in range(BRANCHING):
-            child, away = spheres.child[node, i], block_distance(spheres.block, node, i, cone)
-            if not away <= best or away > 0.1 * NOWHERE:
-                continue
-            if child < 0:
-                distance, s = triangle_distance(mesh.corner, mesh.face, -1 - child, cone)
-                if distance < best:
-                    best, found, parameter = distance, -1 - child, s
-                continue
-            stack[top] = child
-            if nearest < away:
-                # The nearest stays on top and is visited first: the others may then be too far.
-                stack[top], stack[top - 1] = stack[top - 1], stack[top]
-            else:
-                nearest = away
-            top += 1
-    return best, found, parameter
+@tree_of.of(MeshFeatures)
+@jit_inline
+def _tree_of(mesh: MeshFeatures) -> TreeArrays:
+    return mesh.tree
+
+
+@piece_distance.of(MeshFeatures)
+@jit_inline
+def _face_distance(mesh: MeshFeatures, face: int, cone: RoundCone) -> tuple[float, float]:
+    return triangle_distance(mesh.corner, mesh.face, face, cone)
 
 
 @jit
@@ -859,7 +816,7 @@ def _from_triangle(
     if mesh.pseudonormal.shape[0] > 0:
         n = mesh.pseudonormal[found, feature]
         behind = n[0] * (x - px) + n[1] * (y - py) + n[2] * (z - pz) < 0.0
-    inside = behind and is_surrounded(mesh.spheres, mesh.corner, mesh.multiplicity, x, y, z, stack)
+    inside = behind and is_surrounded(mesh.tree, mesh.corner, mesh.multiplicity, x, y, z, stack)
     return inside, math.sqrt(square), x - px, y - py, z - pz
 
 
@@ -868,7 +825,7 @@ def _from_triangle(
 def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Indices) -> float:
     # If there is an inside, the nearest triangle is searched at any distance: its side decides.
     signed = mesh.multiplicity.shape[0] > 0
-    best, found, s = _nearest_triangle(mesh, cone, np.inf if signed else limit, stack)
+    best, found, s = nearest_piece(mesh, cone, np.inf if signed else limit, stack)
     if signed and found >= 0:
         x, y, z = cone.x + s * cone.ux, cone.y + s * cone.uy, cone.z + s * cone.uz
         inside, away, _, _, _ = _from_triangle(mesh, found, x, y, z, stack)
@@ -880,7 +837,7 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
 @way_out.of(MeshFeatures)
 @jit
 def _way_out(mesh: MeshFeatures, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
-    _, found, _ = _nearest_triangle(mesh, sphere_cone(x, y, z, 0.0), np.inf, stack)
+    _, found, _ = nearest_piece(mesh, sphere_cone(x, y, z, 0.0), np.inf, stack)
     if found < 0 or mesh.multiplicity.shape[0] == 0:
         return (np.inf, 0.0, 0.0, 0.0)
     inside, away, dx, dy, dz = _from_triangle(mesh, found, x, y, z, stack)

@@ -38,7 +38,7 @@ from hhsim.kernels.round_cone import (
     round_cone_parameter,
     sphere_pair_distances,
 )
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone, nearest_leaf_round_cone, node_distance
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_pieces, nearest_piece, node_distance
 
 Triple: TypeAlias = tuple[float, float, float]
 
@@ -170,7 +170,7 @@ def _gather_slot(
     for sphere in range(slot * spheres // PALM_SLOTS, (slot + 1) * spheres // PALM_SLOTS):
         hx, hy, hz = hand.palm_x[sphere], hand.palm_y[sphere], hand.palm_z[sphere]
         cone = placed_sphere(pose.position[:], pose.rotation[:], hx, hy, hz, hand.palm_radius[sphere])
-        count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
+        count, clearance, tests = gather_pieces(tree, cone, reach, reach, walk.stack, walk.scratch)
         walk.work[COUNT_NODE_TESTS] += tests
         slack = min(slack, clearance)
         if count < 0 or total + count > most:
@@ -232,7 +232,7 @@ def _gather(
     if body >= PALM_BODY:
         return _gather_palm(tree, hand, pose, reach, candidates, walk)
     cone = phalanx_cone(hand, pose.joints[:], pose.direction[:], body // PHALANX_COUNT, body % PHALANX_COUNT)
-    count, clearance, tests = gather_round_cone(tree, cone, reach, walk.stack, walk.scratch)
+    count, clearance, tests = gather_pieces(tree, cone, reach, reach, walk.stack, walk.scratch)
     walk.work[COUNT_NODE_TESTS] += tests
     if count < 0:
         return False
@@ -439,7 +439,7 @@ def _record(
 def _cone_contacts(
     tree: TreeArrays, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
 ) -> tuple[int, float]:
-    found, clearance, _ = gather_round_cone(tree, cone, limit, walk.stack, walk.scratch)
+    found, clearance, _ = gather_pieces(tree, cone, limit, limit, walk.stack, walk.scratch)
     if found < 0 or row + found > pairs_out.tick.shape[0]:
         return -1, 0.0
     for i in range(found):
@@ -464,7 +464,7 @@ def _cone_contacts(
 @cone_distance.of(TreeArrays)
 @jit
 def _cone_distance(tree: TreeArrays, cone: RoundCone, limit: float, stack: Indices) -> float:
-    return nearest_leaf_round_cone(tree, cone, limit, stack)[0]
+    return nearest_piece(tree, cone, limit, stack)[0]
 
 
 def _center(tree: TreeArrays) -> Array:

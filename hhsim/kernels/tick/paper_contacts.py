@@ -36,7 +36,7 @@ from hhsim.kernels.hand.hand_shape import foot, in_range, place_frustum, thresho
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.round_cone import sphere_cone
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_pieces
 from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, sphere_candidates, write_contact, write_palm_pair
 
 ON_FRUSTUM = 1
@@ -111,7 +111,7 @@ def gather_knuckle(
     """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
     candidates, center = sphere_candidates(state.candidates), pose.joints[finger, 0]
     cone = sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0])
-    found, _, tests = gather_round_cone(tree, cone, growth, candidates.stack[:], candidates.scratch[:])
+    found, _, tests = gather_pieces(tree, cone, growth, growth, candidates.stack[:], candidates.scratch[:])
     state.work[COUNT_NODE_TESTS] += tests
     if found < 0 or count + found > most:
         return -1
