@@ -5,14 +5,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import (
-    COUNT_NODE_TESTS,
-    COUNT_PAIR_TESTS,
-    Reach,
-    SurfaceCode,
-    evaluate_surface,
-    pairs_near,
-)
+from hhsim.kernels.contact.detection import Reach, SurfaceCode, evaluate_surface, pairs_near
+from hhsim.kernels.contact.surface import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
