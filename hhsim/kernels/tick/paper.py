@@ -25,7 +25,7 @@ from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import spent_units
+from hhsim.kernels.tick.evaluation import end_work, spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_contacts import (
@@ -49,7 +49,6 @@ from hhsim.kernels.tick.state import (
     WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
@@ -302,8 +301,7 @@ def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, 
     state.step.duration[DURATION_FORCE] += monotonic_ns() - began
     state.work[WORK_CANDIDATES] = most
     state.work[WORK_ROWS] = most
-    state.work[WORK_UNITS] = spent_units(state)
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
+    end_work(state)
     if stuck:
         state.progress.lag = farthest_joint(pose.joints, haptic.joints)
         return STATUS_STUCK
