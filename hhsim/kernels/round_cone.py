@@ -78,12 +78,13 @@ class Spheres(NamedTuple):
 
 @jit_inline
 def round_cone_distances(
-    spheres: Spheres, count: int, cone: RoundCone, distance_out: Array, parameter_out: Array
+    spheres: Spheres, start: int, stop: int, cone: RoundCone, distance_out: Array, parameter_out: Array
 ) -> None:
-    """Compute signed distances [m] and axis parameters of `count` spheres and a round cone, on the vector unit."""
+    """Compute signed distances [m] and axis parameters of spheres [start, stop) and a round cone."""
     ax, ay, az, ux, uy, uz, length, tan_slope, inverse_length, radius_a, radius_drop = cone
     x, y, z, radius = spheres
-    for i in range(count):
+    # Signed indices would be checked for negative values, which keeps the loop off the vector unit.
+    for i in range(np.uint64(start), np.uint64(stop)):
         dx, dy, dz = x[i] - ax, y[i] - ay, z[i] - az
         t = product(dx, dy, dz, ux, uy, uz)
         px, py, pz = fused(-t, ux, dx), fused(-t, uy, dy), fused(-t, uz, dz)
@@ -97,22 +98,12 @@ def round_cone_distances(
 
 
 @jit_inline
-def sphere_pair_distances(
-    hand: Spheres, others: Spheres, count: int, position: Array, rotation: Array, distance_out: Array
-) -> None:
-    """Compute signed distances [m] of sphere pairs, the hand's in the palm frame (position, rotation), others world."""
-    hand_x, hand_y, hand_z, hand_radius = hand
-    object_x, object_y, object_z, object_radius = others
-    px, py, pz = position[0], position[1], position[2]
-    r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    r20, r21, r22 = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    for i in range(count):
-        x, y, z = hand_x[i], hand_y[i], hand_z[i]
-        dx = px - object_x[i] + product(r00, r01, r02, x, y, z)
-        dy = py - object_y[i] + product(r10, r11, r12, x, y, z)
-        dz = pz - object_z[i] + product(r20, r21, r22, x, y, z)
-        distance_out[i] = math.sqrt(product(dx, dy, dz, dx, dy, dz)) - hand_radius[i] - object_radius[i]
+def sphere_distances(spheres: Spheres, start: int, stop: int, ball: RoundCone, distance_out: Array) -> None:
+    """Compute signed distances [m] of spheres [start, stop) and a round cone that is a sphere."""
+    x, y, z, radius = spheres
+    for i in range(np.uint64(start), np.uint64(stop)):
+        dx, dy, dz = x[i] - ball.x, y[i] - ball.y, z[i] - ball.z
+        distance_out[i] = math.sqrt(product(dx, dy, dz, dx, dy, dz)) - ball.radius - radius[i]
 
 
 @jit_inline

@@ -15,6 +15,7 @@ from hhsim.kernels.mesh.bvh import pseudonormals, winding_numbers
 from hhsim.kernels.mesh.covered_borders import covered_corners, covered_edges, touches_itself
 from hhsim.kernels.mesh.feature_distance import ON
 from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.mesh.topology import directed_edges, distinct_rows, face_areas, merged_vertices, part_labels
 from hhsim.reproducible import arc_tangent, dot, norm, sine_and_cosine
 
@@ -67,7 +68,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
     normal[~high] = _normals(shape[~high])[0]
     # First what needs most room beside it: a million triangles hold a gigabyte in the end.
     face, slack = _faces(shape, normal)
-    spheres = kernel.face_spheres(corner)
+    tree = kernel.face_tree(corner)
 
     side, ends, edge, first, edge_ends, line = _edges(place, corners)
     # What has no area has no direction across its sides.
@@ -83,7 +84,7 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         closed
         and repeated == 0
         and bool(high.all() and two.all())
-        and not touches_itself(spheres, corner, face, corners, line, edge_ends)
+        and not touches_itself(tree, corner, face, corners, line, edge_ends)
         and _has_solid_behind(place, corners)
     )
     # Flat where the gap between the two faces, as high as anything is felt, is no wider than what they reach beyond it.
@@ -120,16 +121,16 @@ def mesh_features(vertices: FloatArray, faces: IntArray, *, closed: bool) -> tup
         border = np.flatnonzero(np.diff(wing_start) == 1)
         inward, own = wing[wing_start[border]], wing_face[wing_start[border]]
         covered = np.zeros(len(border), dtype=bool)
-        covered_edges(spheres, face, line[border], inward, own, FLAT, covered)
+        covered_edges(tree, face, line[border], inward, own, FLAT, covered)
         bent[border[covered]] = False
-        touchable &= ~_are_covered(spheres, face, place, corners, edge_ends[border].ravel())
+        touchable &= ~_are_covered(tree, face, place, corners, edge_ends[border].ravel())
     face_vertex[owner] = np.where(touchable[used], used, -1)
 
     face_edge = np.full(3 * len(corners), -1, dtype=np.int64)
     face_edge[side[first[bent]]] = edge[first[bent]]
 
     features = MeshFeatures(
-        spheres=spheres,
+        tree=tree,
         corner=corner,
         face=face,
         face_edge=face_edge.reshape(-1, 3),
@@ -175,7 +176,7 @@ def _strips(triangle: FloatArray) -> FloatArray:
 
 
 def _are_covered(
-    spheres: kernel.FaceSpheres, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
+    tree: TreeArrays, face: FloatArray, place: FloatArray, corners: IntArray, marked: IntArray
 ) -> BoolArray:
     # Which of the corners marked lie within the plane of each of their faces.
     covered = np.zeros(len(place), dtype=bool)
@@ -184,7 +185,7 @@ def _are_covered(
     own, at = (np.ascontiguousarray(values) for values in np.nonzero(covered[corners]))
     corner = corners[own, at]
     around = np.zeros(len(corner), dtype=bool)
-    covered_corners(spheres, face, np.ascontiguousarray(place[corner]), own, FLAT, around)
+    covered_corners(tree, face, np.ascontiguousarray(place[corner]), own, FLAT, around)
     covered[corner[~around]] = False
     return covered
 

@@ -66,7 +66,7 @@ def support_of(surface: ContactSurface) -> Support:
         with suppress(QhullError):
             points = points[np.sort(ConvexHull(points).vertices)]
     elif isinstance(arrays, TreeArrays):
-        leaves = slice(arrays.leaf_start, None)
+        leaves = arrays.child_count == 0
         points = np.stack([arrays.x[leaves], arrays.y[leaves], arrays.z[leaves]], axis=1)
         return Support(points, np.array(arrays.radius[leaves]))
     else:

@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, NamedTuple
+from weakref import finalize
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.surface import seen_as
-from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
-from hhsim.kernels.parts.surface import MESH_COLUMNS, TREE_COLUMNS, JointedSurface, PartsMotion, part_dtype, part_pieces
+from hhsim.kernels.mesh.features import MeshFeatures
+from hhsim.kernels.parts.surface import JointedSurface, PartsMotion, part_dtype
 from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.surfaces.mesh import SURFACE as MESH
@@ -74,28 +74,24 @@ def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
     Raises InputError for parts of different surfaces.
     """
     kinds = {type(arrays) for arrays in parts}
-    joined: tuple[Any, Any]
-    if kinds == {TreeArrays}:
-        joined, candidates = _joined_trees(parts), SPHERES.candidates
-    elif kinds == {MeshFeatures}:
-        joined, candidates = _joined_meshes(parts), MESH.candidates
-    else:
+    if kinds not in ({TreeArrays}, {MeshFeatures}):
         raise InputError(f"parts of {', '.join(sorted(kind.__name__ for kind in kinds))}; expected one kind of surface")
-    path = np.ascontiguousarray(path, np.float64)
-    pieces, start = joined
-    rows, of_parts = np.empty((0, 0), np.int64), np.empty(0, part_dtype(candidates))
-    return begun(JointedSurface(pieces, start, rows, of_parts, PartsMotion(path, np.zeros(1, np.int64), of_parts)))
+    written = write_rows(parts)
+    # The rows only say where the arrays of the parts are, which are kept as long as they.
+    finalize(written, tuple, parts)
+    no_part = np.empty(0, part_dtype((SPHERES if kinds == {TreeArrays} else MESH).candidates))
+    motion = PartsMotion(np.ascontiguousarray(path, np.float64), np.zeros(1, np.int64), no_part)
+    return begun(JointedSurface(parts[0], written, no_part, motion))
 
 
 def begun(surface: JointedSurface) -> JointedSurface:
     """Return a surface with lists of its own, its parts where they are at the first tick."""
-    count, path = len(surface.start) - 1, surface.motion.path
+    count, path = len(surface.written), surface.motion.path
     memory = np.empty(max(count, 2), surface.part.dtype)
     # Written, so that the system allocates the pages now and not in the ticks that are timed.
     memory.view(np.uint8)[:] = 0
-    written = write_rows([part_pieces(surface.pieces, *rows) for rows in pairwise(surface.start)])
     motion = PartsMotion(path, np.zeros(1, np.int64), seen_as(memory, part_dtype()))
-    surface = surface._replace(written=written, part=memory[:count].view(np.recarray), motion=motion)
+    surface = surface._replace(part=memory[:count].view(np.recarray), motion=motion)
     put_parts(surface, path[0])
     return surface
 
@@ -107,24 +103,3 @@ def put_parts(surface: JointedSurface, poses: FloatArray) -> None:
         rotation = np.empty((3, 3))
         quaternion_to_matrix(np.array(part.orientation), rotation)
         part.rotation[:] = rotation
-
-
-def _starts(counts: list[list[int]], columns: int) -> Any:
-    return np.concatenate([np.zeros((1, columns), np.int64), np.cumsum(counts, axis=0, dtype=np.int64)])
-
-
-def _joined_trees(parts: Sequence[TreeArrays]) -> tuple[TreeArrays, Any]:
-    start = _starts([[len(tree.x), 0] for tree in parts], TREE_COLUMNS)
-    start[:-1, 1] = [tree.leaf_start for tree in parts]
-    fields = TreeArrays._fields[:-1]
-    joined: list[Any] = [np.concatenate([getattr(tree, name) for tree in parts]) for name in fields]
-    joined.append(parts[0].leaf_start)
-    return TreeArrays(*joined), start
-
-
-def _joined_meshes(parts: Sequence[MeshFeatures]) -> tuple[MeshFeatures, Any]:
-    counted = ("face", "edge", "wing_start", "wing", "vertex", "spoke_start", "spoke", "multiplicity", "pseudonormal")
-    counts = [[len(mesh.spheres.child), *(len(getattr(mesh, name)) for name in counted)] for mesh in parts]
-    spheres = FaceSpheres(*(np.concatenate(arrays) for arrays in zip(*(mesh.spheres for mesh in parts))))
-    rest: list[Any] = [np.concatenate([getattr(mesh, name) for mesh in parts]) for name in MeshFeatures._fields[1:]]
-    return MeshFeatures(spheres, *rest), _starts(counts, MESH_COLUMNS)

@@ -210,9 +210,10 @@ class SphereTree:
             needed = f"{self.depth} levels of up to {widest:,} children need {waiting:,} places of {MOST_WAITING:,}"
             raise InputError(f"sphere tree: {needed} in a walk: build it with a smaller branching")
         first_child = np.searchsorted(self.parent, np.arange(len(self.radius))).astype(np.int64)
-        first_child[child_count == 0] = -1
+        leaves = np.flatnonzero(child_count == 0)
+        first_child[leaves] = -1 - leaves
         x, y, z = (np.ascontiguousarray(self.center[:, k]).copy() for k in range(3))
-        return TreeArrays(x, y, z, self.radius.copy(), first_child, child_count, self.leaf_start)
+        return TreeArrays(x, y, z, self.radius.copy(), first_child, child_count)
 
     def spheres(self, level: int) -> tuple[FloatArray, FloatArray]:
         """Return centres [m], (n, 3), and radii [m], (n,), of the cover of a level, or of its nodes without covers."""

@@ -37,7 +37,7 @@ def distances(
 ) -> tuple[FloatArray, FloatArray]:
     cone = Cones(a[None], b[None], np.array([radius_a]), np.array([radius_b])).kernel(0)
     out, count = np.full((2, len(radius) + 3), np.nan), len(radius)
-    round_cone_distances(spheres_of(center, radius), count, cone, out[0], out[1])
+    round_cone_distances(spheres_of(center, radius), 0, count, cone, out[0], out[1])
     assert np.isnan(out[:, count:]).all()
     return out[0, :count], out[1, :count]
 

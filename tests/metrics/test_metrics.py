@@ -245,7 +245,7 @@ class TestTicks:
 def ball(center: FloatArray, radius: float) -> TreeArrays:
     x, y, z = (np.full(2, value) for value in center)
     first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
-    return TreeArrays(x, y, z, np.full(2, radius), first, count, 1)
+    return TreeArrays(x, y, z, np.full(2, radius), first, count)
 
 
 class TestPenetration:

@@ -10,7 +10,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_PAIR_TESTS
+from hhsim.kernels.contact.surface import COUNT_PAIR_TESTS
 from hhsim.kernels.tick.state import STATUS_LAG, WORK_BODIES, WORK_LINEARISATIONS, WORK_UNITS
 from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import penetration

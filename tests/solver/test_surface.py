@@ -14,6 +14,7 @@ from sphere_scenes import bumpy_ball
 import hhsim.kernels.surfaces
 from hhsim.errors import InputError
 from hhsim.hand.model import HandModel
+from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES, surface_of
@@ -27,92 +28,64 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.by_reference import by_reference
+from hhsim.kernels.contact.lists import list_fields, put_in_order
 from hhsim.kernels.contact.surface import (
-    SHARED_CANDIDATES, Surface, cone_distance, gather_pairs, measure_pairs, pairs_within, record_pairs,
+    Surface, at_distance, cone_distance, list_pieces, measure_pieces, record_pieces, write_contact,
 )
-from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.memory import copy_values
 from hhsim.kernels.jit import jit
+from hhsim.kernels.sphere_tree import TreeArrays, tree_of
 
-ROOM = 1024
 FLAT = 1e6
 
 
 @by_reference
 class PlaneArrays(NamedTuple):
     height: float
+    tree: TreeArrays
 
 
-CANDIDATES = np.dtype(
-    [
-        ("center", np.float64, (BODY_COUNT, ROOM, 3)),
-        ("radius", np.float64, (BODY_COUNT, ROOM)),
-        ("distance", np.float64, (BODY_COUNT, ROOM)),
-        *SHARED_CANDIDATES,
-        ("scratch", np.int64, (1,)),
-        ("stack", np.int64, (1,)),
-    ],
-    align=True,
-)
-
-
-@gather_pairs.of(PlaneArrays)
+@tree_of.of(PlaneArrays)
 @jit
-def _gather(plane, hand, pose, body, reach, candidates, walk):
-    # Every sphere of the body, always: there is no list that could grow old.
-    candidates.count[body] = 2 if body < PALM_BODY else hand.palm_radius.shape[0]
-    candidates.slack[body] = np.inf
-    return candidates.count[body] <= ROOM
+def _tree(plane):
+    return plane.tree
 
 
-@measure_pairs.of(PlaneArrays)
+@list_pieces.of(PlaneArrays)
 @jit
-def _measure(plane, hand, pose, body, candidates):
-    least = np.inf
-    for i in range(candidates.count[body]):
-        center = candidates.center[body, i]
-        if body < PALM_BODY:
-            f, k = body // PHALANX_COUNT, body % PHALANX_COUNT
-            copy_values(pose.joints[f, k + i], center)
-            candidates.radius[body, i] = hand.radius[f, k + i]
-        else:
-            x, y, z = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i]
-            for j in range(3):
-                r = pose.rotation
-                center[j] = pose.position[j] + r[j, 0] * x + r[j, 1] * y + r[j, 2] * z
-            candidates.radius[body, i] = hand.palm_radius[i]
-        candidates.distance[body, i] = center[2] - candidates.radius[body, i] - plane.height
-        least = min(least, candidates.distance[body, i])
-    return least
+def _list(plane, probe, most, most_found, reach, look_out, candidates, walk):
+    # Both ends of the axis, always: there is no list that could grow old.
+    ends = 2 if probe.cone.length > 0.0 else 1
+    for end in range(ends):
+        candidates.piece[0, probe.start + end] = end
+        candidates.distance[0, probe.start + end] = 0.0
+    put_in_order(probe.number, 0, probe.start, probe.start + ends, candidates, walk.scratch)
+    return np.inf
 
 
-@pairs_within.of(PlaneArrays)
+@measure_pieces.of(PlaneArrays)
 @jit
-def _within(plane, hand, candidates, body, limit):
-    count = 0
-    for i in range(candidates.count[body]):
-        count += 1 if candidates.distance[body, i] <= limit else 0
-    return count
+def _measure(plane, kind, cone, start, stop, candidates):
+    for i in range(start, stop):
+        end = candidates.piece[0, i]
+        radius = cone.radius - end * cone.drop
+        candidates.distance[0, i] = cone.z + end * cone.length * cone.uz - radius - plane.height
 
 
-@record_pairs.of(PlaneArrays)
+@record_pieces.of(PlaneArrays)
 @jit
-def _record(plane, hand, pose, body, candidates, limit, row, contacts):
-    for i in range(candidates.count[body]):
-        if candidates.distance[body, i] > limit:
+def _record(plane, probe, pose, candidates, limit, row, contacts):
+    number, cone, start = probe
+    normal = (0.0, 0.0, 1.0)
+    for i in range(start, start + candidates.measured[number, 0]):
+        end, distance = candidates.piece[0, i], candidates.distance[0, i]
+        if distance > limit:
             continue
-        if row >= contacts.body.shape[0]:
+        if row >= contacts.key.shape[0]:
             return -1
-        contacts.body[row] = body
-        contacts.key[row] = body * ROOM + i
-        for j in range(3):
-            contacts.normal[j, row] = 1.0 if j == 2 else 0.0
-            reach = contacts.normal[j, row] * candidates.radius[body, i]
-            contacts.point[j, row] = candidates.center[body, i, j] - reach
-        contacts.distance[row] = candidates.distance[body, i]
-        contacts.hand_radius[row] = candidates.radius[body, i]
-        contacts.object_radius[row] = FLAT
-        contacts.slides[row] = 0
+        radius = cone.radius - end * cone.drop
+        center = at_distance((cone.x, cone.y, cone.z), (cone.ux, cone.uy, cone.uz), end * cone.length)
+        point = at_distance(center, normal, -radius)
+        write_contact(contacts, row, point, normal, distance, (radius, FLAT), 2 * number + end)
         row += 1
     return row
 
@@ -129,6 +102,7 @@ def _center(plane):
     return np.array([0.0, 0.0, plane.height - 1.0])
 
 
+CANDIDATES = np.dtype(list_fields(1), align=True)
 SURFACE = Surface("a horizontal plane", PlaneArrays, CANDIDATES, _center)
 '''
 
@@ -159,7 +133,10 @@ HEIGHT = -0.02
 
 
 def test_a_surface_is_added_by_one_file(plane: Any) -> None:
-    hand, above, margin = HandModel.default(), plane.arrays(HEIGHT), 1e-3
+    # A ball that is as good as flat.
+    center, radius = np.array([HEIGHT - 1e6]), np.array([1e6])
+    tree = TreeArrays(np.zeros(1), np.zeros(1), center, radius, np.array([-1]), np.array([0]))
+    hand, above, margin = HandModel.default(), plane.arrays(HEIGHT, tree), 1e-3
     assert SolverOptions(surface="plane").surface == "plane" and surface_of(above) is SURFACES["plane"]
     bent = still([0.0, 0.0, 0.015], flexion=0.3)
     state = in_contact(hand, above, bent, margin)

@@ -161,6 +161,7 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
         "kernels/callee.py",
         "kernels/jit.py",
         "kernels/kernel_cache.py",
+        "kernels/memory.py",
         "kernels/sphere_tree.py",
         "kernels/target.py",
         "ranges.py",

@@ -23,15 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.contact.surface import Walk, gather_pairs, measure_pairs, pairs_within, record_pairs
+from hhsim.kernels.contact.lists import gather_pairs, measure_pairs
+from hhsim.kernels.contact.surface import COUNT_GATHERS, COUNT_PAIR_TESTS, Walk, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import call_code
-
-COUNT_NODE_TESTS = 0
-COUNT_PAIR_TESTS = 1
-COUNT_GATHERS = 2
-"""Indices of the work counters."""
 
 CONTACT_ROWS = 4088
 """Most contacts; the paper's heaviest scenes have a few hundred. An odd number of cache lines, as the size of every
@@ -117,7 +113,7 @@ class Reach(NamedTuple):
 
 AHEAD = 0.5
 """A body may be gathered ahead once slack - needed is below this share of the skin, and of its slack when gathered."""
-LONG = 128.0
+LONG = 64.0
 STALE = 0.5
 LASTS = 50.0
 """A body with more than LONG measured pairs may also be gathered ahead once it has moved by STALE of what is needed, if
@@ -177,11 +173,7 @@ def evaluate_rigid(
         if candidates.due[body] == 0:
             continue
         counted[COUNT_GATHERS] += 1
-        gathered = False
-        for far in (reach.margin + reach.skin, reach.margin):
-            if not gathered:
-                gathered = gather_pairs(surface, hand, pose, body, far, candidates, walk)
-        if gathered:
+        if gather_pairs(surface, hand, pose, body, reach.margin + reach.skin, candidates, walk):
             _set_anchor(hand, pose, body, candidates)
         else:
             # The others continue, so that the outcome does not depend on the order.

@@ -1,11 +1,9 @@
-"""Interface of an object's surface: six kernels, declared for the type of its arrays, and `way_out` for solids.
+"""Interface of an object's surface: kernels, declared for the type of its arrays.
 
-All but `cone_contacts`, which measures contacts, and `way_out`, which has a default, are needed for ticks. A surface
-keeps its near pairs with each hand body in a record of its own type, its candidates, with the fields
-`SHARED_CANDIDATES`; its arrays are a NamedTuple `by_reference`. A pair is one body and one piece of the surface: a leaf
-sphere, a triangle.
-
-Lists of pairs in tiers of distance: only the tiers that a body may have reached are measured.
+A surface is pieces, of one kind or several, with a tree of spheres over them (`tree_of`), and lists of those near each
+probe of a hand, see `kernels.contact.lists`. Ticks need `list_pieces`, `measure_pieces` and `record_pieces`,
+measurements `cone_contacts` and `cone_distance`, a solid also `holds` and `way_out`. Its candidates are a record of its
+own type with the fields of `list_fields`; its arrays are a NamedTuple `by_reference`. A pair is a body and a piece.
 """
 
 from collections.abc import Callable
@@ -15,8 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, generic, jit, jit_inline
+from hhsim.kernels.jit import Indices, Record, generic, jit_inline
 from hhsim.kernels.round_cone import RoundCone
+
+COUNT_NODE_TESTS = 0
+COUNT_PAIR_TESTS = 1
+COUNT_GATHERS = 2
+"""Indices of the work counters."""
 
 SHARED_CANDIDATES = [
     ("count", np.int64, (BODY_COUNT,)),  # pairs of each body, or those measured
@@ -68,15 +71,40 @@ class Surface(NamedTuple):
 
 
 @generic
-def gather_pairs(
-    surface: Any, hand: HandArrays, pose: Record, body: int, reach: float, candidates: Record, walk: Walk
-) -> bool:
-    """List the pairs of one body up to `reach` [m], and set its count and slack; False if there is no room."""
+def list_pieces(
+    surface: Any, probe: Any, most: int, most_found: int, reach: float, look_out: float, candidates: Record, walk: Walk
+) -> float:
+    """List the pieces up to `reach` [m] from a probe, each kind by `put_in_order`; return its slack [m].
+
+    That is a lower bound on the motion to any other piece; those up to `look_out` [m] are looked at for it. A negative
+    infinity if there are more than `most` of a kind, or `most_found` whose leaves are near.
+    """
 
 
 @generic
-def measure_pairs(surface: Any, hand: HandArrays, pose: Record, body: int, candidates: Record) -> float:
-    """Return a body's least signed distance [m] of at least one pair; those not measured are beyond it and `needed`."""
+def measure_pieces(surface: Any, kind: int, cone: RoundCone, start: int, stop: int, candidates: Record) -> None:
+    """Write the signed distances [m] of a probe to the pieces [start, stop) of a kind."""
+
+
+@generic
+def holds(surface: Any, probe: Any, candidates: Record) -> bool:
+    """Return True if a point is inside, by its measured pieces, whose distances do not tell."""
+
+
+@holds.of(object)
+@jit_inline
+def _holds_nothing(surface: Any, probe: Any, candidates: Record) -> bool:
+    return False
+
+
+@generic
+def record_pieces(
+    surface: Any, probe: Any, pose: Record, candidates: Record, limit: float, row: int, contacts: Record
+) -> int:
+    """Write contact records of a probe's measured pieces up to `limit` [m] from `row` on; return the row after, or -1.
+
+    The body of each is written by the caller.
+    """
 
 
 @generic
@@ -136,59 +164,31 @@ def _no_way_out(surface: Any, x: float, y: float, z: float, stack: Indices) -> t
     return (np.inf, 0.0, 0.0, 0.0)
 
 
-TIERS = 8
-"""Tiers of a list, equally deep, from contact to the list's reach."""
-
-
-NO_DEPTH = 1e-12
-"""Depth [m] of the tiers of a list that holds only pairs that penetrate: all are in the first one."""
+@jit_inline
+def write_contact(
+    contacts: Record,
+    row: int,
+    point: tuple[float, float, float],
+    normal: tuple[float, float, float],
+    distance: float,
+    radii: tuple[float, float],
+    key: int,
+) -> None:
+    """Write a contact record but for its body: the point on the hand, and the radii [m] of the hand and the object."""
+    contacts.key[row] = key
+    for j in range(3):
+        contacts.point[j, row] = point[j]
+        contacts.normal[j, row] = normal[j]
+        contacts.straight[j, row] = 0.0
+    contacts.distance[row] = distance
+    contacts.hand_radius[row], contacts.object_radius[row] = radii
+    contacts.slides[row] = 0
 
 
 @jit_inline
-def tier_depth(reach: float) -> float:
-    """Compute the depth of the tiers of a list that reaches so far [m]."""
-    return max(reach / TIERS, NO_DEPTH)
-
-
-@jit_inline
-def tier_of(near: float, depth: float) -> int:
-    """Return the tier of a pair that is `near` [m] away, in a list with tiers `depth` [m] deep."""
-    return int(min(max(near / depth, 0.0), TIERS - 0.5))
-
-
-@jit
-def start_tiers(near: Array, count: int, depth: float, end_out: Indices) -> None:
-    """Write where each tier starts, shape (TIERS,), of `count` distances `near` [m] or bounds, in tiers of `depth` [m].
-
-    Who fills the list in order raises these places to where the tiers end.
-    """
-    for t in range(TIERS):
-        end_out[t] = 0
-    for i in range(count):
-        end_out[tier_of(near[i], depth)] += 1
-    before = 0
-    for t in range(TIERS):
-        before += end_out[t]
-        end_out[t] = before - end_out[t]
-
-
-@jit_inline
-def next_tier(tier: int, depth: float, moved: float, needed: float, least: float) -> int:
-    """Return the tier up to which to measure next; `tier` itself where nothing beyond it can matter.
-
-    Those below `tier` are measured, with the least distance `least`; the body has moved by at most `moved` since it was
-    listed; pairs up to `needed` are to be measured; all [m].
-    """
-    left = tier * depth - moved
-    if tier == TIERS or (left > needed and left >= least):
-        return tier
-    tier += 1
-    while tier < TIERS and tier * depth - moved <= needed:
-        tier += 1
-    return tier
-
-
-@jit_inline
-def moved_since(gathered: float, slack: float) -> float:
-    """Compute how far a body has moved at most [m] since its slack was `gathered`; infinite where that is infinite."""
-    return gathered - slack if gathered < np.inf else np.inf
+def at_distance(
+    place: tuple[float, float, float], direction: tuple[float, float, float], distance: float
+) -> tuple[float, float, float]:
+    """Return the point at a distance [m] from a place along a unit vector."""
+    x, y, z = direction
+    return place[0] + distance * x, place[1] + distance * y, place[2] + distance * z

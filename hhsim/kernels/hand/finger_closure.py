@@ -20,7 +20,7 @@ from hhsim.kernels.hand.kinematics import (
 )
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.round_cone import round_cone_parameter, sphere_cone
-from hhsim.kernels.sphere_tree import TreeArrays, nearest_leaf_round_cone
+from hhsim.kernels.sphere_tree import TreeArrays, nearest_piece
 
 CONTACT = 2e-5
 """Distance [m] at which a body counts as touching and the advancement stops."""
@@ -50,14 +50,15 @@ def _place(position: Array, rotation: Array, flexion: Array, abduction: Array, w
 def phalanx_distance(finger: int, phalanx: int, limit: float, work: ClosureWork) -> tuple[float, int]:
     """Compute the least signed distance [m] of a phalanx to the leaves, and that leaf's node; (limit, -1) if none."""
     cone = phalanx_cone(work.hand, work.joints, work.direction, finger, phalanx)
-    return nearest_leaf_round_cone(work.tree, cone, limit, work.stack)
+    distance, leaf, _ = nearest_piece(work.tree, cone, limit, work.stack)
+    return distance, leaf
 
 
 @jit
 def sphere_distance(center: Array, radius: float, limit: float, work: ClosureWork) -> float:
     """Compute the least signed distance [m] of a sphere to the leaves; `limit` if none is nearer."""
     cone = sphere_cone(center[0], center[1], center[2], radius)
-    return nearest_leaf_round_cone(work.tree, cone, limit, work.stack)[0]
+    return nearest_piece(work.tree, cone, limit, work.stack)[0]
 
 
 @jit
@@ -69,7 +70,7 @@ def _body_distance(position: Array, rotation: Array, body: int, limit: float, wo
     for i in range(hand.palm_x.shape[0]):
         x, y, z, radius = hand.palm_x[i], hand.palm_y[i], hand.palm_z[i], hand.palm_radius[i]
         cone = placed_sphere(position, rotation, x, y, z, radius)
-        best = nearest_leaf_round_cone(work.tree, cone, best, work.stack)[0]
+        best = nearest_piece(work.tree, cone, best, work.stack)[0]
     return best
 
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.mesh.feature_distance import ON, above, triangle_distance
-from hhsim.kernels.mesh.features import ALONG, BRANCHING, FaceSpheres, gather_faces
+from hhsim.kernels.mesh.features import ALONG
 from hhsim.kernels.round_cone import RoundCone, sphere_cone
-from hhsim.kernels.sphere_tree import STACK_SIZE
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_pieces
 
 Flags = NDArray[np.bool_]
 
@@ -66,20 +66,20 @@ def _is_covered(low: Array, high: Array, count: int, length: float) -> bool:
 
 @jit_allocating
 def covered_edges(
-    spheres: FaceSpheres, face: Array, line: Array, inward: Array, own: Indices, flat: float, covered_out: Flags
+    tree: TreeArrays, face: Array, line: Array, inward: Array, own: Indices, flat: float, covered_out: Flags
 ) -> None:
     """Mark the borders, shape (B, 7), beyond which other faces continue the plane along all of their length.
 
     Faces and borders are as `face` and `edge` of `MeshFeatures`; `inward` are unit vectors into the one face `own` of
     each, across it, shape (B, 3); `flat` is the sine of an angle below which planes are the same.
     """
-    found = np.empty(face.shape[0] + BRANCHING, np.int64)
+    found = np.empty(face.shape[0], np.int64)
     low, high = np.empty(found.shape[0]), np.empty(found.shape[0])
-    stack, near = np.empty(STACK_SIZE, np.int64), np.empty(BRANCHING)
+    stack = np.empty(STACK_SIZE, np.int64)
     for e in range(line.shape[0]):
         x, y, z = line[e, 0], line[e, 1], line[e, 2]
         cone = RoundCone(x, y, z, line[e, 3], line[e, 4], line[e, 5], line[e, 6], 0.0, 1.0 / line[e, 6], 0.0, 0.0)
-        faces, _, _ = gather_faces(spheres, cone, BEYOND, BEYOND, stack, near, found)
+        faces, _, _ = gather_pieces(tree, cone, BEYOND, BEYOND, stack, found)
         normal = face[own[e], :3]
         x, y, z = x - BEYOND * inward[e, 0], y - BEYOND * inward[e, 1], z - BEYOND * inward[e, 2]
         count = 0
@@ -92,14 +92,14 @@ def covered_edges(
 
 @jit_allocating
 def covered_corners(
-    spheres: FaceSpheres, face: Array, corner: Array, own: Indices, flat: float, covered_out: Flags
+    tree: TreeArrays, face: Array, corner: Array, own: Indices, flat: float, covered_out: Flags
 ) -> None:
     """Mark the corners [m], shape (C, 3), around which faces continue the plane of a face `own` at each."""
-    found = np.empty(face.shape[0] + BRANCHING, np.int64)
-    stack, near = np.empty(STACK_SIZE, np.int64), np.empty(BRANCHING)
+    found = np.empty(face.shape[0], np.int64)
+    stack = np.empty(STACK_SIZE, np.int64)
     for c in range(corner.shape[0]):
         x, y, z = corner[c, 0], corner[c, 1], corner[c, 2]
-        faces, _, _ = gather_faces(spheres, sphere_cone(x, y, z, 0.0), BEYOND, BEYOND, stack, near, found)
+        faces, _, _ = gather_pieces(tree, sphere_cone(x, y, z, 0.0), BEYOND, BEYOND, stack, found)
         f = own[c]
         normal, u = face[f, :3], face[f, 4:7]
         v = np.cross(normal, u)
@@ -132,21 +132,19 @@ def _leads_into(face: Array, f: int, k: int, ux: float, uy: float, uz: float) ->
 
 
 @jit_allocating
-def touches_itself(
-    spheres: FaceSpheres, corner: Array, face: Array, corners: Indices, line: Array, ends: Indices
-) -> bool:
+def touches_itself(tree: TreeArrays, corner: Array, face: Array, corners: Indices, line: Array, ends: Indices) -> bool:
     """Return True if any edge comes within `ON` of a triangle other than those that it is a side of.
 
     Closed triangles that cut through each other, or lie on each other, do so along an edge of at least one of them.
     Corners, faces and lines are as `corner`, `face` and `edge` of `MeshFeatures`; `corners`, shape (F, 3), are the
     vertices of each triangle, and `ends`, shape (E, 2), of each line; vertices at one place are one.
     """
-    found = np.empty(face.shape[0] + BRANCHING, np.int64)
-    stack, near = np.empty(STACK_SIZE, np.int64), np.empty(BRANCHING)
+    found = np.empty(face.shape[0], np.int64)
+    stack = np.empty(STACK_SIZE, np.int64)
     for e in range(line.shape[0]):
         x, y, z, ux, uy, uz, length = line[e]
         cone = RoundCone(x, y, z, ux, uy, uz, length, 0.0, 1.0 / length, 0.0, 0.0)
-        count, _, _ = gather_faces(spheres, cone, ON, ON, stack, near, found)
+        count, _, _ = gather_pieces(tree, cone, ON, ON, stack, found)
         for i in range(count):
             f = found[i]
             first, second = -1, -1

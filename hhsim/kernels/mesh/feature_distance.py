@@ -26,8 +26,9 @@ import math
 import numpy as np
 
 from hhsim.kernels.jit import Array, Indices, jit, jit_inline
-from hhsim.kernels.mesh.features import BRANCHING, FACE_FIELDS, NOWHERE, FaceSpheres, MeshFeatures, block_distance
+from hhsim.kernels.mesh.features import FACE_FIELDS, MeshFeatures
 from hhsim.kernels.round_cone import RoundCone
+from hhsim.kernels.sphere_tree import TreeArrays, node_distance
 from hhsim.kernels.triangle import ray_crossing
 
 ELSEWHERE = 1e300
@@ -296,33 +297,29 @@ DIRECTIONS = ((9 / 25, 12 / 25, 20 / 25), (-96 / 125, 75 / 125, 28 / 125), (2 / 
 
 @jit
 def is_surrounded(
-    spheres: FaceSpheres, corner: Array, multiplicity: Indices, x: float, y: float, z: float, stack: Indices
+    tree: TreeArrays, corner: Array, multiplicity: Indices, x: float, y: float, z: float, stack: Indices
 ) -> bool:
     """Return True if closed triangles of `MeshFeatures` surround a point [m]; `stack` has shape (STACK_SIZE,)."""
-    root, farthest = spheres.block[0], 0.0
-    for i in range(BRANCHING):
-        if root[0, i] < NOWHERE:
-            away = (root[0, i] - x) ** 2 + (root[1, i] - y) ** 2 + (root[2, i] - z) ** 2
-            farthest = max(farthest, math.sqrt(away) + root[3, i])
+    away = math.sqrt((tree.x[0] - x) ** 2 + (tree.y[0] - y) ** 2 + (tree.z[0] - z) ** 2)
+    length = 2.0 * (away + tree.radius[0])
     votes = 0
     for dx, dy, dz in DIRECTIONS:
-        ray = RoundCone(x, y, z, dx, dy, dz, 2.0 * farthest, 0.0, 0.0, 0.0, 0.0)
+        ray = RoundCone(x, y, z, dx, dy, dz, length, 0.0, 1.0 / length, 0.0, 0.0)
         times = 0
         stack[0] = 0
         top = 1
         while top > 0:
             top -= 1
             node = stack[top]
-            for i in range(BRANCHING):
-                if not block_distance(spheres.block, node, i, ray) <= 0.0:
-                    continue
-                child = spheres.child[node, i]
-                if child >= 0:
-                    stack[top] = child
-                    top += 1
-                    continue
-                along, facing = ray_crossing(corner[-1 - child], x, y, z, dx, dy, dz)
+            if not node_distance(tree, ray, node) <= 0.0:
+                continue
+            below = tree.first_child[node]
+            for child in range(below, below + tree.child_count[node]):
+                stack[top] = child
+                top += 1
+            if below < 0:
+                along, facing = ray_crossing(corner[-1 - below], x, y, z, dx, dy, dz)
                 if along > 0.0:
-                    times += multiplicity[-1 - child] * (-1 if facing > 0.0 else 1)
+                    times += multiplicity[-1 - below] * (-1 if facing > 0.0 else 1)
         votes += 1 if times > 0 else 0
     return votes >= 2

@@ -14,33 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
-from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import split_widest
-from hhsim.kernels.memory import prefetch
-from hhsim.kernels.round_cone import RoundCone
+from hhsim.kernels.sphere_tree import TreeArrays
 
 BRANCHING = 8
-GROUP_TESTS = 6
-"""Node tests that a group counts as, of eight on the vector unit."""
-BLOCK_BYTES, CHILD_BYTES = 8 * 4 * BRANCHING, 8 * BRANCHING
-"""Sizes of a group in `FaceSpheres`."""
 ALONG = 1e-9
 """Sine below which an angle counts as zero."""
-NOWHERE = 1e150
-"""Centre of the spheres that fill up a block [m], which no walk reaches."""
 FACE_FIELDS = 16
 """Number of values of a face: its unit normal n and n · x on it, then for each side the unit normal m in the plane,
 inward, and the least m · x that counts as inside [m]: a little less than on the side itself."""
 EDGE_FIELDS = 7
 """Number of values of an edge: its first end [m], the unit vector along it, its length [m]."""
-
-
-@by_reference
-class FaceSpheres(NamedTuple):
-    """Spheres around faces, in a hierarchy of groups of eight; block 0 is the root's."""
-
-    block: Array  # x, y, z and radius of the eight spheres of each group [m], (N, 4, 8)
-    child: Indices  # each one's own block, or -1 - face, (N, 8)
 
 
 @by_reference
@@ -52,7 +37,7 @@ class MeshFeatures(NamedTuple):
     `pseudonormal`, if both sides are touched.
     """
 
-    spheres: FaceSpheres  # around the faces and around groups of them
+    tree: TreeArrays  # spheres around the faces and around groups of them; piece i is face i
     corner: Array  # a, b, c of each face [m], (F, 9)
     face: Array  # see `FACE_FIELDS`, (F, 16)
     face_edge: Indices  # edges that belong to the face, -1 for none, (F, 3)
@@ -133,7 +118,7 @@ def _children(faces: int) -> int:
 
 
 @jit_allocating
-def face_spheres(corner: Array) -> FaceSpheres:
+def face_tree(corner: Array) -> TreeArrays:
     """Build spheres around faces, shape (F, 9), in groups of up to eight, split across the widest axis.
 
     The groups of faces are nearly full for any F; those at the top need not be.
@@ -144,115 +129,44 @@ def face_spheres(corner: Array) -> FaceSpheres:
         for m in range(3):
             middle[m, i] = (corner[i, m] + corner[i, 3 + m] + corner[i, 6 + m]) / 3.0
     order = np.arange(faces)
-    # A node of nodes has at least two, and one of faces four, unless it is the only one.
-    most = faces // 2 + 1
-    block, child = np.full((most, 4, BRANCHING), NOWHERE), np.full((most, BRANCHING), -1)
-    block[:, 3] = 0.0
+    # A group of groups has at least two, and one of faces four, unless it is the only one.
+    most = faces + faces // 2 + 1
+    sphere, first_child, child_count = np.empty((4, most)), np.empty(most, np.int64), np.zeros(most, np.int64)
     start, end = np.empty(most, np.int64), np.empty(most, np.int64)
-    bound, share = np.empty(BRANCHING + 1, np.int64), np.empty(BRANCHING, np.int64)
+    share = np.empty(BRANCHING, np.int64)
     center = np.empty(3)
     start[0], end[0] = 0, faces
-    blocks, node = 1, 0
-    while node < blocks:
-        pieces = 1
-        bound[0], bound[1] = start[node], end[node]
-        share[0] = _children(end[node] - start[node])
-        i = 0
-        while i < pieces:
-            # A piece of several children is split, and its first half visited again; the pieces stay in order.
-            if share[i] == 1:
-                i += 1
-                continue
-            low, high, first = bound[i], bound[i + 1], share[i] // 2
-            place = low + (high - low) * first // share[i]
-            split_widest(middle, order, low, high, place)
-            for j in range(pieces, i, -1):
-                bound[j + 1] = bound[j]
-            for j in range(pieces - 1, i, -1):
-                share[j + 1] = share[j]
-            bound[i + 1] = place
-            share[i], share[i + 1] = first, share[i] - first
-            pieces += 1
-        for i in range(pieces):
-            low, high = bound[i], bound[i + 1]
-            if high - low == 1:
-                _triangle_sphere(corner[order[low]], center)
-                child[node, i] = -1 - order[low]
-            else:
-                _middle_of_box(corner, order, low, high, center)
-                child[node, i] = blocks
-                start[blocks], end[blocks] = low, high
-                blocks += 1
-            for m in range(3):
-                block[node, m, i] = center[m]
-            block[node, 3, i] = _reach(corner, order, low, high, center)
+    nodes, node = 1, 0
+    while node < nodes:
+        low, high = start[node], end[node]
+        if high - low == 1:
+            _triangle_sphere(corner[order[low]], center)
+            first_child[node] = -1 - order[low]
+        else:
+            _middle_of_box(corner, order, low, high, center)
+            first_child[node], child_count[node] = nodes, 1
+            start[nodes], end[nodes], share[0] = low, high, _children(high - low)
+            i = 0
+            while i < child_count[node]:
+                # A piece of several children is split, and its first half visited again; the pieces stay in order.
+                if share[i] == 1:
+                    i += 1
+                    continue
+                low, high, first = start[nodes + i], end[nodes + i], share[i] // 2
+                place = low + (high - low) * first // share[i]
+                split_widest(middle, order, low, high, place)
+                for j in range(child_count[node], i, -1):
+                    start[nodes + j], end[nodes + j], share[j] = start[nodes + j - 1], end[nodes + j - 1], share[j - 1]
+                end[nodes + i] = start[nodes + i + 1] = place
+                share[i], share[i + 1] = first, share[i] - first
+                child_count[node] += 1
+            nodes += child_count[node]
+        for m in range(3):
+            sphere[m, node] = center[m]
+        sphere[3, node] = _reach(corner, order, start[node], end[node], center)
         node += 1
-    return FaceSpheres(block[:blocks].copy(), child[:blocks].copy())
-
-
-@jit_inline
-def block_distance(block: Array, node: int, i: int, cone: RoundCone) -> float:
-    """Compute the signed distance [m] of a round cone to sphere i of a block."""
-    dx, dy, dz = block[node, 0, i] - cone.x, block[node, 1, i] - cone.y, block[node, 2, i] - cone.z
-    t = dx * cone.ux + dy * cone.uy + dz * cone.uz
-    px, py, pz = dx - t * cone.ux, dy - t * cone.uy, dz - t * cone.uz
-    h2 = px * px + py * py + pz * pz
-    s = t - math.sqrt(h2) * cone.tan_slope
-    s = 0.0 if s < 0.0 else s
-    s = cone.length if s > cone.length else s
-    away = math.sqrt(h2 + (t - s) * (t - s))
-    return away - cone.radius + cone.drop * cone.inverse_length * s - block[node, 3, i]
-
-
-@jit
-def _block_distances(block: Array, node: int, cone: RoundCone, distance_out: Array) -> None:
-    # A loop of known length would be unrolled before it is vectorised, and signed indices checked.
-    for i in range(np.uint64(0), np.uint64(block.shape[2])):
-        distance_out[i] = block_distance(block, node, i, cone)
-
-
-@jit
-def gather_faces(
-    spheres: FaceSpheres, cone: RoundCone, reach: float, look_out: float, stack: Indices, near: Array, face_out: Indices
-) -> tuple[int, float, int]:
-    """Gather the faces whose spheres are within `reach` [m] of a round cone.
-
-    Groups up to `look_out` [m], at least `reach`, are visited for a clearance that is not their own. Stack, shape
-    (STACK_SIZE,), and `near`, shape (8,), are workspace. Returns (count, clearance, tests) as
-    `kernels.sphere_tree.gather_round_cone`.
-    """
-    clearance, count, tests = np.inf, 0, 0
-    stack[0] = 0
-    top = 1
-    while top > 0:
-        top -= 1
-        node = stack[top]
-        _block_distances(spheres.block, node, cone, near)
-        spare = count + BRANCHING <= face_out.shape[0]
-        tests += GROUP_TESTS
-        if not spare:
-            faces = 0
-            for i in range(BRANCHING):
-                faces += 1 if spheres.child[node, i] < 0 and near[i] <= reach else 0
-            if count + faces > face_out.shape[0]:
-                return -1, 0.0, tests
-        # A group farther than the clearance cannot change it. Without branches, which could not be predicted.
-        far = max(reach, min(look_out, clearance))
-        waiting = top
-        for i in range(BRANCHING):
-            child, away = spheres.child[node, i], near[i]
-            group = child >= 0 and away <= far
-            face = child < 0 and away <= reach
-            clearance = min(clearance, np.inf if group or face else away)
-            stack[top] = child
-            top += 1 if group else 0
-            if spare or face:
-                face_out[count] = -1 - child
-            count += 1 if face else 0
-        for i in range(waiting, top):
-            prefetch(spheres.block, stack[i], BLOCK_BYTES)
-            prefetch(spheres.child, stack[i], CHILD_BYTES)
-    return count, clearance, tests
+    x, y, z, radius = sphere[0, :nodes].copy(), sphere[1, :nodes].copy(), sphere[2, :nodes].copy(), sphere[3, :nodes]
+    return TreeArrays(x, y, z, radius.copy(), first_child[:nodes].copy(), child_count[:nodes].copy())
 
 
 @jit

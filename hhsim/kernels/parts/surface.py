@@ -26,20 +26,20 @@ from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
     ContactPoints,
     Walk,
+    at_distance,
     cone_contacts,
     cone_distance,
     pairs_within,
     record_pairs,
     shared_first,
     way_out,
+    write_contact,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
-from hhsim.kernels.mesh.features import FaceSpheres, MeshFeatures
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.round_cone import RoundCone
-from hhsim.kernels.sphere_tree import TreeArrays
 
 AXIS_POINTS = 9
 """Points of a phalanx's axis that are looked at, at most 6 mm apart."""
@@ -177,27 +177,16 @@ def record_way_out(hand: HandArrays, part: Record, body: int, limit: float, row:
         if row >= contacts.key.shape[0]:
             return -1
         x, y, z, radius = _sphere(hand, part.hand, body, i)
-        for j in range(3):
-            contacts.normal[j, row] = plane[j]
-            contacts.point[j, row] = (x, y, z)[j] - radius * plane[j]
-            contacts.straight[j, row] = 0.0
-        contacts.body[row], contacts.key[row] = body, KEY + BODY_COUNT * i + body
-        contacts.distance[row], contacts.hand_radius[row], contacts.object_radius[row] = -depth, radius, np.inf
-        contacts.slides[row] = 0
+        normal = plane[0], plane[1], plane[2]
+        point, key = at_distance((x, y, z), normal, -radius), KEY + BODY_COUNT * i + body
+        write_contact(contacts, row, point, normal, -depth, (radius, np.inf), key)
+        contacts.body[row] = body
         row += 1
     return row
 
 
 KEY_STRIDE = 1 << 48
 """More than the keys of a part's pairs: the part of a contact is its key over this."""
-MESH_COLUMN = (
-    {"corner": 1, "face": 1, "face_edge": 1, "face_vertex": 1, "face_across": 1, "edge": 2, "wing_start": 3}
-    | {"wing": 4, "wing_face": 4, "vertex": 5, "spoke_start": 6, "spoke": 7, "spoke_edge": 7}
-    | {"multiplicity": 8, "pseudonormal": 9}
-)
-"""Column of `JointedSurface.start` for each field of `MeshFeatures` but the first, whose column is 0."""
-TREE_COLUMNS, MESH_COLUMNS = 2, 10
-"""Columns for parts of spheres and of triangles."""
 
 
 def part_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
@@ -234,31 +223,12 @@ class PartsMotion(NamedTuple):
 
 @by_reference
 class JointedSurface(NamedTuple):
-    """P parts of one kind of surface, in `pieces` one after another, each counted from 0; and their motion."""
+    """P parts of one kind of surface, each in its own frame, and their motion."""
 
-    pieces: Any  # `TreeArrays` or `MeshFeatures`, each part's in its own frame
-    start: Indices  # where the pieces of each part begin, and the end, see `part_pieces`, (P + 1, columns)
-    written: Indices  # the pieces of each part for kernels, see `by_reference.write_rows`, (P, ·)
+    pieces: Any  # `TreeArrays` or `MeshFeatures` of the first part
+    written: Indices  # those of each part for kernels, see `by_reference.write_rows`, (P, ·)
     part: NDArray[np.void]  # records of `part_dtype`, (P,)
     motion: PartsMotion
-
-
-def _part_of_trees(tree: TreeArrays, first: Indices, end: Indices) -> TreeArrays:
-    # Columns: the first node, and which of the part's nodes is its first leaf.
-    a, b = first[0], end[0]
-    children = tree.first_child[a:b], tree.child_count[a:b]
-    return TreeArrays(tree.x[a:b], tree.y[a:b], tree.z[a:b], tree.radius[a:b], *children, int(first[1]))
-
-
-def _part_of_meshes(mesh: MeshFeatures, first: Indices, end: Indices) -> MeshFeatures:
-    spheres = mesh.spheres.block[first[0] : end[0]], mesh.spheres.child[first[0] : end[0]]
-    arrays: Any = [getattr(mesh, name)[first[k] : end[k]] for name, k in MESH_COLUMN.items()]
-    return MeshFeatures(FaceSpheres(*spheres), *arrays)
-
-
-def part_pieces(pieces: Any, first: Indices, end: Indices) -> Any:
-    """Return the pieces of one part; `first` and `end` are two rows of `JointedSurface.start`."""
-    return (_part_of_trees if isinstance(pieces, TreeArrays) else _part_of_meshes)(pieces, first, end)
 
 
 _row = cast(Callable[[Any, Indices, int], Any], intrinsic(declare_row))

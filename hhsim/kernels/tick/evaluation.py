@@ -5,17 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import (
-    COUNT_NODE_TESTS,
-    COUNT_PAIR_TESTS,
-    Reach,
-    SurfaceCode,
-    evaluate_surface,
-    pairs_near,
-)
+from hhsim.kernels.contact.detection import Reach, SurfaceCode, evaluate_surface, pairs_near
+from hhsim.kernels.contact.surface import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, is_finite_configuration, update_kinematics
-from hhsim.kernels.jit import Array, Record, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.tick.force import clear_forces, palm_wrench
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
@@ -101,10 +95,11 @@ def least_distance(state: Record) -> float:
 
 @jit_inline
 def spent_units(state: Record) -> int:
-    """Compute the work units of the tick so far; `work[WORK_UNITS]` has linearisations and rows only until its end."""
-    work = state.work
-    units = work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations
-    return units + UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
+    """Compute the work units of the tick so far that count against its budget: those of linearisations, rows and QPs.
+
+    Tests of nodes and pairs do not: lists that are older have more of them, and the hand would depend on that.
+    """
+    return as_int64(state.work[WORK_UNITS] + UNITS_QP_ITERATION * state.step.iterations)
 
 
 @jit_inline
@@ -116,8 +111,10 @@ def is_budget_spent(options: TickOptions, state: Record) -> bool:
 @jit_inline
 def end_work(state: Record) -> None:
     """Write the counters that are summed up elsewhere while the tick runs."""
-    state.work[WORK_UNITS] = spent_units(state)
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
+    work = state.work
+    tests = UNITS_NODE_TEST * work[COUNT_NODE_TESTS] + UNITS_PAIR_TEST * work[COUNT_PAIR_TESTS]
+    work[WORK_UNITS] = spent_units(state) + tests
+    work[WORK_QP_ITERATIONS] = state.step.iterations
 
 
 @jit_inline

@@ -24,14 +24,15 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
-from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import spent_units
+from hhsim.kernels.tick.evaluation import end_work, spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_contacts import (
     LIMITS,
+    PALM_PAIRS,
     PALM_STACK,
+    PHALANX_PAIRS,
     detect,
     finger_is_free,
     palm_contacts,
@@ -48,7 +49,6 @@ from hhsim.kernels.tick.state import (
     WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
@@ -65,7 +65,19 @@ PAPER_STATE = np.dtype(
         ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # the joints' limits [rad]
         ("highest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
         ("frustum", FRUSTUM),  # the phalanx at hand
+        ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # object sphere of each pair of a phalanx [m], world
+        ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
+        ("radius", np.float64, (PALM_BODY, PHALANX_PAIRS)),
         ("kind", np.int8, (PALM_BODY, PHALANX_PAIRS)),  # which part of its phalanx each pair is with
+        ("hand_x", np.float64, (PALM_PAIRS,)),  # palm sphere of each palm pair [m], palm frame
+        ("hand_y", np.float64, (PALM_PAIRS,)),
+        ("hand_z", np.float64, (PALM_PAIRS,)),
+        ("hand_radius", np.float64, (PALM_PAIRS,)),
+        ("object_x", np.float64, (PALM_PAIRS,)),  # object sphere of each palm pair [m], world
+        ("object_y", np.float64, (PALM_PAIRS,)),
+        ("object_z", np.float64, (PALM_PAIRS,)),
+        ("object_radius", np.float64, (PALM_PAIRS,)),
         ("closed", np.bool_),  # spheres close all ends of the frustums, see `kernels.hand.hand_shape.in_range`
         # 1 where the palm, and each finger, has more pairs than its arrays hold
         ("full", np.int8, (FINGER_COUNT + 1,)),
@@ -76,7 +88,8 @@ PAPER_STATE = np.dtype(
         ("stop", np.int64, (1,)),
         ("first", np.int64, (1,)),  # its block's first variable
         ("guess", np.int64, (1,)),  # empty
-        ("stack", np.int64, (PALM_STACK,)),  # of the palm's walk
+        ("stack", np.int64, (PALM_STACK,)),  # of walks, as the next
+        ("scratch", np.int64, (PHALANX_PAIRS,)),
     ],
     align=True,
 )
@@ -227,7 +240,7 @@ def _count_touching(touch: float, state: Record, paper: Record) -> None:
     # What Eq. 14 sums over: the pairs of this tick that are in contact at its end.
     pose, candidates, contacts = state.pose, state.candidates, state.contacts
     contacts.start[0] = 0
-    row = palm_contacts(touch, state)
+    row = palm_contacts(touch, state, paper)
     contacts.start[1] = row
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
@@ -288,8 +301,7 @@ def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, 
     state.step.duration[DURATION_FORCE] += monotonic_ns() - began
     state.work[WORK_CANDIDATES] = most
     state.work[WORK_ROWS] = most
-    state.work[WORK_UNITS] = spent_units(state)
-    state.work[WORK_QP_ITERATIONS] = state.step.iterations
+    end_work(state)
     if stuck:
         state.progress.lag = farthest_joint(pose.joints, haptic.joints)
         return STATUS_STUCK

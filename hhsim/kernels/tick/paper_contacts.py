@@ -31,19 +31,32 @@ import math
 
 import numpy as np
 
-from hhsim.kernels.contact.detection import CONTACT_ROWS, COUNT_NODE_TESTS
+from hhsim.kernels.contact.detection import CONTACT_ROWS
+from hhsim.kernels.contact.surface import COUNT_NODE_TESTS, at_distance, write_contact
 from hhsim.kernels.hand.hand_shape import foot, in_range, place_frustum, threshold
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Record, as_bool, as_int64, jit
+from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.round_cone import sphere_cone
-from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_round_cone
-from hhsim.kernels.surfaces.spheres import PALM_PAIRS, PHALANX_PAIRS, sphere_candidates, write_contact, write_palm_pair
+from hhsim.kernels.sphere_tree import STACK_SIZE, TreeArrays, gather_pieces
 
 ON_FRUSTUM = 1
 ON_SPHERE = 2
 """Bits of `kind`: which part of its phalanx a sphere of the object is paired with."""
 
+PHALANX_PAIRS, PALM_PAIRS = 4088, 8 * 4088
+"""Most pairs of a phalanx, and of the palm; the paper's heaviest scenes have a few hundred."""
 PALM_STACK = 2 * STACK_SIZE
+"""A pair of nodes each."""
+
+
+@jit_inline
+def _write_palm_pair(
+    paper: Record, place: int, x: float, y: float, z: float, radius: float, tree: TreeArrays, node: int
+) -> None:
+    """Write a pair of a sphere of the palm, by its centre and radius [m], palm frame, and a node of the tree."""
+    paper.hand_x[place], paper.hand_y[place], paper.hand_z[place], paper.hand_radius[place] = x, y, z, radius
+    paper.object_x[place], paper.object_y[place], paper.object_z[place] = tree.x[node], tree.y[node], tree.z[node]
+    paper.object_radius[place] = tree.radius[node]
 
 
 @jit
@@ -55,7 +68,7 @@ def gather_palm(
     Returns how many; -1 where there are more than `capacity`, so that a capacity of 0 asks whether the palm is free.
     """
     position, rotation, stack = pose.position, pose.rotation, paper.stack
-    candidates, work = sphere_candidates(state.candidates), state.work
+    work = state.work
     p0, p1, p2 = position[0], position[1], position[2]
     r00, r01, r02 = rotation[0, 0], rotation[0, 1], rotation[0, 2]
     r10, r11, r12 = rotation[1, 0], rotation[1, 1], rotation[1, 2]
@@ -82,7 +95,7 @@ def gather_palm(
                         if count >= capacity:
                             work[COUNT_NODE_TESTS] += tests
                             return -1
-                        write_palm_pair(candidates, count, hx, hy, hz, palm.radius[h], tree, o)
+                        _write_palm_pair(paper, count, hx, hy, hz, palm.radius[h], tree, o)
                         count += 1
                     else:
                         stack[top] = h
@@ -106,18 +119,26 @@ def gather_palm(
 
 @jit
 def gather_knuckle(
-    hand: HandArrays, tree: TreeArrays, pose: Record, finger: int, growth: float, most: int, count: int, state: Record
+    hand: HandArrays,
+    tree: TreeArrays,
+    pose: Record,
+    finger: int,
+    growth: float,
+    most: int,
+    count: int,
+    state: Record,
+    paper: Record,
 ) -> int:
     """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
-    candidates, center = sphere_candidates(state.candidates), pose.joints[finger, 0]
+    center = pose.joints[finger, 0]
     cone = sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0])
-    found, _, tests = gather_round_cone(tree, cone, growth, candidates.stack[:], candidates.scratch[:])
+    found, _, tests = gather_pieces(tree, cone, growth, growth, paper.stack[:], paper.scratch[:])
     state.work[COUNT_NODE_TESTS] += tests
     if found < 0 or count + found > most:
         return -1
     for i in range(found):
         x, y, z = hand.base[finger, 0], hand.base[finger, 1], hand.base[finger, 2]
-        write_palm_pair(candidates, count, x, y, z, hand.radius[finger, 0], tree, candidates.scratch[i])
+        _write_palm_pair(paper, count, x, y, z, hand.radius[finger, 0], tree, paper.scratch[i])
         count += 1
     return count
 
@@ -129,7 +150,7 @@ def gather_phalanx(
     """Gather leaves within `growth` [m] by Eq. 7 (frustum) or Eq. 3 (end sphere); return how many, -1 if too many."""
     place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
     frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
-    candidates, work = sphere_candidates(state.candidates), state.work
+    work = state.work
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
@@ -137,7 +158,7 @@ def gather_phalanx(
     length, thin, end_radius = frustum.length, frustum.radius, frustum.sphere_radius
     tangent, cosine, sine = frustum.tangent, frustum.cosine, frustum.sine
     exists = length > 0.0
-    stack = candidates.stack
+    stack = paper.stack
     count = 0
     tests = 0
     top = 0
@@ -169,11 +190,10 @@ def gather_phalanx(
             if count >= capacity:
                 work[COUNT_NODE_TESTS] += tests
                 return -1
-            candidates.x[body, count] = x
-            candidates.y[body, count] = y
-            candidates.z[body, count] = z
-            candidates.radius[body, count] = tree.radius[node]
-            candidates.leaf[body, count] = node
+            paper.x[body, count] = x
+            paper.y[body, count] = y
+            paper.z[body, count] = z
+            paper.radius[body, count] = tree.radius[node]
             kind_out[body, count] = kind
             count += 1
         if top == 0:
@@ -191,11 +211,11 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
 
     paper.full says which parts have more than there is room for: the palm, then the fingers.
     """
-    pose, candidates = state.pose, sphere_candidates(state.candidates)
+    pose, candidates = state.pose, state.candidates
     count = gather_palm(palm, tree, pose, growth, as_int64(PALM_PAIRS), state, paper)
     for f in range(FINGER_COUNT):
         if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose, f, growth, as_int64(PALM_PAIRS), count, state)
+            count = gather_knuckle(hand, tree, pose, f, growth, as_int64(PALM_PAIRS), count, state, paper)
     paper.full[0] = 1 if count < 0 else 0
     candidates.count[PALM_BODY] = max(count, 0)
     for f in range(FINGER_COUNT):
@@ -219,7 +239,7 @@ def palm_is_free(
     count = gather_palm(palm, tree, pose, 0.0, as_int64(0), state, paper)
     for f in range(FINGER_COUNT):
         if count == 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose, f, 0.0, as_int64(0), count, state)
+            count = gather_knuckle(hand, tree, pose, f, 0.0, as_int64(0), count, state, paper)
     return count == 0
 
 
@@ -239,18 +259,18 @@ LIMITS = 2 * PHALANX_COUNT
 @jit
 def palm_rows(count: int, state: Record, paper: Record) -> None:
     """Write the rows of the palm's `count` pairs: columns, right-hand sides, normals from object to hand."""
-    candidates, position, rotation = sphere_candidates(state.candidates), state.pose.position, state.pose.rotation
+    position, rotation = state.pose.position, state.pose.rotation
     axes, weight = paper.axes, state.problem.inverse_root
     common_out, rhs_out, normal_out = state.problem.common, state.problem.rhs, paper.normal
     for i in range(count):
-        hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
+        hx, hy, hz = paper.hand_x[i], paper.hand_y[i], paper.hand_z[i]
         rx = rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz
         ry = rotation[1, 0] * hx + rotation[1, 1] * hy + rotation[1, 2] * hz
         rz = rotation[2, 0] * hx + rotation[2, 1] * hy + rotation[2, 2] * hz
-        vx = position[0] + rx - candidates.object_x[i]
-        vy = position[1] + ry - candidates.object_y[i]
-        vz = position[2] + rz - candidates.object_z[i]
-        total = candidates.hand_radius[i] + candidates.object_radius[i]
+        vx = position[0] + rx - paper.object_x[i]
+        vy = position[1] + ry - paper.object_y[i]
+        vz = position[2] + rz - paper.object_z[i]
+        total = paper.hand_radius[i] + paper.object_radius[i]
         scale = 0.5 / total if total > 0.0 else 1.0
         rhs_out[i] = -scale * (vx * vx + vy * vy + vz * vz - total * total)
         gx, gy, gz = 2.0 * scale * vx, 2.0 * scale * vy, 2.0 * scale * vz
@@ -270,15 +290,15 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 
     The frustum is that of the phalanx at the palm of t and the joint angles of t - 1.
     """
-    candidates, problem, kind, frustum = sphere_candidates(state.candidates), state.problem, paper.kind, paper.frustum
+    problem, kind, frustum = state.problem, paper.kind, paper.frustum
     finger, phalanx = body // PHALANX_COUNT, body % PHALANX_COUNT
     joints, axis = state.pose.joints[finger], state.pose.axis[finger]
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
-    for i in range(candidates.count[body]):
-        x, y, z = candidates.x[body, i], candidates.y[body, i], candidates.z[body, i]
-        radius = candidates.radius[body, i]
+    for i in range(state.candidates.count[body]):
+        x, y, z = paper.x[body, i], paper.y[body, i], paper.z[body, i]
+        radius = paper.radius[body, i]
         for part in (ON_FRUSTUM, ON_SPHERE):
             if not kind[body, i] & part:
                 continue
@@ -317,25 +337,26 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 
 
 @jit
-def palm_contacts(touch: float, state: Record) -> int:
+def palm_contacts(touch: float, state: Record, paper: Record) -> int:
     """Write contact records of the palm's pairs within `touch` [m]; returns how many."""
-    candidates, contacts = sphere_candidates(state.candidates), state.contacts
+    contacts = state.contacts
     position, rotation = state.pose.position, state.pose.rotation
     row = as_int64(0)
-    for i in range(candidates.count[PALM_BODY]):
-        hx, hy, hz = candidates.hand_x[i], candidates.hand_y[i], candidates.hand_z[i]
-        x, y, z = candidates.object_x[i], candidates.object_y[i], candidates.object_z[i]
+    for i in range(state.candidates.count[PALM_BODY]):
+        hx, hy, hz = paper.hand_x[i], paper.hand_y[i], paper.hand_z[i]
+        x, y, z = paper.object_x[i], paper.object_y[i], paper.object_z[i]
         vx = position[0] + rotation[0, 0] * hx + rotation[0, 1] * hy + rotation[0, 2] * hz - x
         vy = position[1] + rotation[1, 0] * hx + rotation[1, 1] * hy + rotation[1, 2] * hz - y
         vz = position[2] + rotation[2, 0] * hx + rotation[2, 1] * hy + rotation[2, 2] * hz - z
         length = math.sqrt(vx * vx + vy * vy + vz * vz)
-        radius = candidates.object_radius[i]
-        distance = length - candidates.hand_radius[i] - radius
+        radius = paper.object_radius[i]
+        distance = length - paper.hand_radius[i] - radius
         if distance > touch or length == 0.0 or row >= CONTACT_ROWS:
             continue
-        nx, ny, nz = vx / length, vy / length, vz / length
-        write_contact(contacts, row, (x, y, z), radius, (nx, ny, nz), distance, candidates.hand_radius[i])
-        contacts.body[row], contacts.key[row] = PALM_BODY, i
+        normal = vx / length, vy / length, vz / length
+        point, radii = at_distance((x, y, z), normal, radius + distance), (paper.hand_radius[i], radius)
+        write_contact(contacts, row, point, normal, distance, radii, i)
+        contacts.body[row] = PALM_BODY
         row += 1
     return row
 
@@ -347,15 +368,15 @@ def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Re
     A sphere is in contact with the frustum where Eq. 7 or 13 says so of the graphic phalanx at t, else with its end
     sphere. The distance is that along the normal of the part.
     """
-    candidates, contacts = sphere_candidates(state.candidates), state.contacts
+    contacts = state.contacts
     kind, frustum, closed = paper.kind, paper.frustum, paper.closed
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]
     cosine, sine = frustum.cosine, frustum.sine
-    for i in range(candidates.count[body]):
-        x, y, z = candidates.x[body, i], candidates.y[body, i], candidates.z[body, i]
-        radius = candidates.radius[body, i]
+    for i in range(state.candidates.count[body]):
+        x, y, z = paper.x[body, i], paper.y[body, i], paper.z[body, i]
+        radius = paper.radius[body, i]
         distance, nx, ny, nz = np.inf, 0.0, 0.0, 0.0
         if kind[body, i] & ON_FRUSTUM:
             along, cx, cy, cz = foot(ex, ey, ez, ux, uy, uz, x, y, z)
@@ -375,7 +396,8 @@ def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Re
         if distance > touch or row >= CONTACT_ROWS:
             continue
         # The forces of Eq. 14 need no radius of the hand.
-        write_contact(contacts, row, (x, y, z), radius, (nx, ny, nz), distance, 0.0)
-        contacts.body[row], contacts.key[row] = body, i
+        point = at_distance((x, y, z), (nx, ny, nz), radius + distance)
+        write_contact(contacts, row, point, (nx, ny, nz), distance, (0.0, radius), i)
+        contacts.body[row] = body
         row += 1
     return row

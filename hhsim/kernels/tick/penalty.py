@@ -37,7 +37,7 @@ from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import factorise, solve_factorised
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import spent_units
+from hhsim.kernels.tick.evaluation import end_work, spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, add_force, clear_forces, finish_forces, proxy_forces
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import (
@@ -48,7 +48,6 @@ from hhsim.kernels.tick.state import (
     WORK_BODIES,
     WORK_CANDIDATES,
     WORK_LINEARISATIONS,
-    WORK_QP_ITERATIONS,
     WORK_ROWS,
     WORK_TOUCHING,
     WORK_UNITS,
@@ -369,7 +368,6 @@ def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record
     rounds = _minimise(problem, contacts, alpha, min(options.linearisations, affordable), work)
     state.step.iterations = rounds
     state.work[WORK_LINEARISATIONS] = 1
-    state.work[WORK_QP_ITERATIONS] = rounds
     for j in range(DOF):
         y = min(max(work.step[j], work.lowest[j]), work.highest[j])
         work.velocity[j] = y / penalty.period
@@ -382,7 +380,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record
     if not _evaluate(hand, surface, options, state):
         status |= STATUS_CAPACITY_EXCEEDED
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
-    state.work[WORK_UNITS] = spent_units(state)
+    end_work(state)
     moved = monotonic_ns()
     duration[DURATION_DETECT] += moved - solved
     _forces(options, hand, surface, state, work)

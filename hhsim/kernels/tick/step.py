@@ -228,13 +228,14 @@ def keep_bound(
     bound = max(bound, gone + least)
     if gone + fraction * longest <= bound:
         return fraction
+    # Of the whole step, since the share that lists allow depends on when they were gathered.
     trial = state.trial
     copy_configuration(state.pose, trial)
-    move(trial, state.step.delta, state.problem.abduction_step, fraction)
+    move(trial, state.step.delta, state.problem.abduction_step, 1.0)
     update_kinematics(hand, trial)
     there = farthest_joint(trial.joints, progress.start)
-    if there <= bound:
+    # A distance is a convex function of the share: below this chord.
+    if gone + fraction * (there - gone) <= bound:
         return fraction
     progress.snaps = True
-    # A distance is a convex function of the share: below this chord.
-    return fraction * (bound - gone) / (there - gone)
+    return (bound - gone) / (there - gone)

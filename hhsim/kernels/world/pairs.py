@@ -116,7 +116,9 @@ MOST_DAMPING = 30.0
 """Largest s: a hand that is held would hit what moves into it like a wall."""
 AIMED = 0.9
 """Share of the bound that a raised damping aims at."""
-LEAST_RAISE = 1.5
+KEPT, LEAST_KEPT = 0.5, 0.5
+"""Share of a tick's damping that the next one begins with, since to raise it takes programs; less than that is none."""
+LEAST_RAISE = 2.0
 """Least factor by which a raise multiplies the hands' stiffness."""
 
 
@@ -163,7 +165,7 @@ def measure_user_motions(states: States, world: Record) -> None:
 
 @jit
 def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
-    """Begin a tick without damping, from where the hands stand in the world.
+    """Begin a tick from where the hands stand in the world, with a share of the last one's damping where they touch.
 
     Where they lag for lack of work they follow later on: beside bodies that is no reason for a longer way.
     """
@@ -173,7 +175,10 @@ def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
         progress.bound = snap_step(options, progress) + states[h].input.motion
     world.raises = 0
     if world.damping > 0.0:
-        damp(states, world, 0.0)
+        rows, damping = 0, KEPT * world.damping
+        for p in range(pair_count(world.problem)):
+            rows += world.problem.last[p] - world.problem.first[p] if world.problem.other[p] < 0 else 0
+        damp(states, world, damping if rows > 0 and damping > LEAST_KEPT else 0.0)
 
 
 @jit

@@ -13,9 +13,9 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import CONTACT_ROWS, COUNT_GATHERS, FULL, Reach, evaluate, find_contacts
+from hhsim.kernels.contact.lists import PHALANX_CAPACITY
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
 from hhsim.kernels.hand.pose import move, update_kinematics
-from hhsim.kernels.surfaces.spheres import PHALANX_PAIRS
 from hhsim.motion.analytic_motion import still
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -138,7 +138,7 @@ def crowd_under_the_index_tip(count: int, depth: float) -> tuple[FloatArray, Flo
 def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     state = at_origin()
     arrays = RIGHT.arrays()
-    near = sphere_tree(*crowd_under_the_index_tip(PHALANX_PAIRS + 1, 5e-4))
+    near = sphere_tree(*crowd_under_the_index_tip(PHALANX_CAPACITY + 1, 0.0))
     assert evaluate(arrays, state.pose, near.arrays(), Reach(1e-3, 1e-3, 3e-3), state.candidates, state.work) == FULL
     # Two bodies with room for their own pairs, but not together among the contacts.
     half = CONTACT_ROWS // 2 + 1

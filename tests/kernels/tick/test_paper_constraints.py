@@ -97,13 +97,13 @@ def scene(
 @settings(max_examples=15)
 def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: FloatArray) -> None:
     _, _, at, state, paper = scene(seed, angles=angles)
-    candidates, count = state.candidates, int(state.candidates.count[15])
+    count = int(state.candidates.count[15])
     euler_axes(angles, paper.axes)
     palm_rows(count, state, paper)
     common, rhs, normal = state.problem.common, state.problem.rhs, paper.normal
-    hand_center = np.stack([candidates.hand_x, candidates.hand_y, candidates.hand_z], axis=1)[:count]
-    object_center = np.stack([candidates.object_x, candidates.object_y, candidates.object_z], axis=1)[:count]
-    total = candidates.hand_radius[:count] + candidates.object_radius[:count]
+    hand_center = np.stack([paper.hand_x, paper.hand_y, paper.hand_z], axis=1)[:count]
+    object_center = np.stack([paper.object_x, paper.object_y, paper.object_z], axis=1)[:count]
+    total = paper.hand_radius[:count] + paper.object_radius[:count]
 
     def away(q: FloatArray) -> FloatArray:
         return np.asarray(q[:3] + hand_center @ Rotation.from_euler("xyz", q[3:]).as_matrix().T - object_center)
@@ -127,7 +127,6 @@ def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: i
     hand, _, at, state, paper = scene(seed, angles=angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
     rows = finger_program(f, state, paper)
-    candidates = state.candidates
 
     def constraints(flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
         angles = at.flexion[0].copy()
@@ -135,9 +134,9 @@ def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: i
         joints = hand.joints(at.position[0], at.orientation[0], angles, at.abduction[0])
         values, sizes = [], []
         for k in range(3):
-            body, count = 3 * f + k, candidates.count[3 * f + k]
-            center = np.stack([candidates.x[body], candidates.y[body], candidates.z[body]], axis=1)[:count]
-            radius = candidates.radius[body, :count]
+            body, count = 3 * f + k, state.candidates.count[3 * f + k]
+            center = np.stack([paper.x[body], paper.y[body], paper.z[body]], axis=1)[:count]
+            radius = paper.radius[body, :count]
             cone = frustum_of(hand, joints, f, k)
             excess, along = frustum_excess(cone, center, radius)
             cosine = np.linalg.norm(cone.e - cone.d) / np.hypot(np.linalg.norm(cone.e - cone.d), cone.r1 - cone.r2)
