@@ -150,7 +150,7 @@ def moved(kept: Mapping[str, NDArray[Any]], made: Mapping[str, NDArray[Any]]) ->
     row: dict[str, Any] = {
         "datasets": len(names),
         "first": names[0],
-        "faults": [],
+        "faults": [f"{word}: {old[word]} to {new[word]}" for word in ("depth", "stuck", "lag") if new[word] > old[word]],
         "pose": 0.0,
         "rest": 0.0,
         "force": 0.0,
@@ -170,9 +170,6 @@ def moved(kept: Mapping[str, NDArray[Any]], made: Mapping[str, NDArray[Any]]) ->
             size = np.linalg.norm(kept[path], axis=1)
             share = change[still] / np.maximum(size[still], 0.1)
             row["force"] = max(row["force"], float(np.nanmax(share, initial=0.0)))
-    row["faults"] += [
-        f"{word}: {old[word]} to {new[word]}" for word in ("depth", "stuck", "lag") if new[word] > old[word]
-    ]
     row["faults"] += ["pose at rest"] if row["rest"] > POSE else []
     row["faults"] += ["force at rest"] if row["force"] > FORCE else []
     return row
