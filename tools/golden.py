@@ -150,7 +150,9 @@ def moved(kept: Mapping[str, NDArray[Any]], made: Mapping[str, NDArray[Any]]) ->
     row: dict[str, Any] = {
         "datasets": len(names),
         "first": names[0],
-        "faults": [f"{word}: {old[word]} to {new[word]}" for word in ("depth", "stuck", "lag") if new[word] > old[word]],
+        "faults": [
+            f"{word}: {old[word]} to {new[word]}" for word in ("depth", "stuck", "lag") if new[word] > old[word]
+        ],
         "pose": 0.0,
         "rest": 0.0,
         "force": 0.0,
