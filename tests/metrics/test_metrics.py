@@ -249,40 +249,16 @@ def ball(center: FloatArray, radius: float) -> TreeArrays:
 
 
 class TestPenetration:
-    RADIUS = np.full((5, 4), 0.005)
-
-    def test_palm_and_finger_depths_from_stored_arrays(self) -> None:
-        # A ball of 30 mm at the origin; a palm sphere of 10 mm held 38 mm away, fingers far off but for one fingertip.
-        tree = ball(np.zeros(3), 0.03)
-        joints = np.full((3, 5, 4, 3), 1.0)
-        joints[:, 2, 3] = [[0.0, 0.0, 0.0345], [0.0, 0.0, 0.0355], [0.0, 0.0, 0.032]]
-        joints[:, 2, :3] = [0.0, 0.0, 0.2]
-        half_turn = np.array([0.0, 0.0, 0.0, 1.0])
-        position = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.0, 0.0]])
-        palm = np.array([[-0.038, 0.0, 0.0]]), np.array([0.01])
-        result = metrics.penetration(
-            tree, HandShape(self.RADIUS, *palm), PlacedHand(joints, position, np.tile(half_turn, (3, 1)))
-        )
-        np.testing.assert_allclose(result.palm, [0.002, 0.0, 0.002], atol=1e-12)
-        np.testing.assert_allclose(result.finger[:, 2], [0.0005, 0.0, 0.003], atol=1e-12)
-        assert not result.finger[:, [0, 1, 3, 4]].any()
-        np.testing.assert_allclose(result.depth, [0.002, 0.0, 0.003], atol=1e-12)
-
-    def test_clearance_is_signed_up_to_its_limit(self) -> None:
-        tree = ball(np.array([0.0, 0.0, 1.0]), 0.03)
-        joints = np.zeros((1, 5, 4, 3))
-        joints[0, :, :, 2] = np.array([0.95, 0.96, 0.97, 0.99, 0.0])[:, None]
-        pose = joints, np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
-        palm, finger = metrics.hand_clearance(
-            tree, HandShape(self.RADIUS, np.zeros((0, 3)), np.zeros(0)), PlacedHand(*pose), 0.01
-        )
-        np.testing.assert_allclose(finger, [[0.01, 0.005, -0.005, -0.025, 0.01]], atol=1e-12)
-        np.testing.assert_array_equal(palm, [0.01])
-
-    def test_nan_in_the_file_shows(self) -> None:
-        joints = np.full((1, 5, 4, 3), 1.0)
-        joints[0, 4, 3, 0] = np.nan
-        palm, pose = (np.ones((1, 3)), np.array([0.01])), (np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
-        result = metrics.penetration(ball(np.zeros(3), 0.03), HandShape(self.RADIUS, *palm), PlacedHand(joints, *pose))
+    @pytest.mark.parametrize("place", ["joint", "palm"])
+    def test_nan_in_the_file_shows(self, place: str) -> None:
+        joints, position = np.full((1, 5, 4, 3), 1.0), np.zeros((1, 3))
+        if place == "joint":
+            joints[0, 4, 3, 0] = np.nan
+        else:
+            position[0, 0] = np.nan
+        palm, turn = (np.ones((1, 3)), np.array([0.01])), np.array([[1.0, 0.0, 0.0, 0.0]])
+        shape = HandShape(np.full((5, 4), 0.005), *palm)
+        result = metrics.penetration(ball(np.zeros(3), 0.03), shape, PlacedHand(joints, position, turn))
         assert np.isnan(result.depth[0])
-        np.testing.assert_array_equal(np.isnan(result.finger[0]), [False, False, False, False, True])
+        assert np.isnan(result.palm[0]) == (place == "palm")
+        np.testing.assert_array_equal(np.isnan(result.finger[0]), [False] * 4 + [place == "joint"])

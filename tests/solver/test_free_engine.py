@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from free_scenes import body_of, box, far_hand, solver_of
+from free_scenes import body_of, box, solver_of
 
 from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.bench.robustness.safety import recorded_penetration
@@ -10,22 +10,6 @@ from hhsim.hand.model import HandModel
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.body import HalfSpace
 from hhsim.solver.options import Stiffness
-
-MESH = box((0.05, 0.05, 0.05))
-
-
-def test_an_object_on_the_table_begins_free_of_it() -> None:
-    solver = solver_of(body_of(MESH), table=-0.025)
-    solver.run(*far_hand(3))
-    assert (solver.object_ticks.table_distance > 0.0).all()
-
-
-def test_without_mass_in_the_way_it_falls() -> None:
-    solver = solver_of(body_of(MESH))
-    solver.run(*far_hand(100))
-    assert solver.object_ticks.velocity[-1, 2] == pytest.approx(-9.81 * 0.1, rel=1e-9)
-    assert solver.object_ticks.contact[-1] == 0
-
 
 HAND = HandModel.default()
 

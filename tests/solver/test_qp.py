@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from qp_problems import energy
 from sphere_scenes import CURL, bumpy_ball, record_clearance
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
@@ -23,6 +23,12 @@ HAND = HandModel.default("right")
 BALL = bumpy_ball(150)
 SAME = 1e-6
 """Points of two graphic hands closer than this [m] are the same."""
+
+
+def energy(problem: QpProblem, solution: FloatArray) -> float:
+    """The coupling's energy [J] of a step δ, shape (n,)."""
+    offset = solution - problem.target
+    return 0.5 * float(offset @ (problem.stiffness * offset))
 
 
 def contact_problem(rng: np.random.Generator, n: int, m: int) -> QpProblem:

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_oracle import Cones, along_axes
@@ -11,16 +10,12 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import sphere_tree
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.contact_points import clearances
 from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.sphere_tree import TreeArrays
 
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
-HAND = HandModel.default()
-PALM = HAND.palm_tree
-SHAPE = HandShape(HAND.radius, PALM.leaf_center, PALM.leaf_radius)
 
 
 class PlacedHands(NamedTuple):
@@ -33,10 +28,6 @@ def run(shape: HandShape, tree: TreeArrays, hands: PlacedHands, limit: float) ->
     palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
     clearances(tree, StoredHands(shape, *hands), limit, palm, finger)
     return palm, finger
-
-
-def tree_of(center: FloatArray, radius: FloatArray) -> TreeArrays:
-    return sphere_tree(center, radius).arrays()
 
 
 def brute_force(
@@ -79,24 +70,6 @@ def scenes(draw: st.DrawFn) -> Scene:
 @given(scenes(), st.sampled_from([0.0, 0.01, FREE]))
 def test_clearances_equal_brute_force(scene: Scene, limit: float) -> None:
     shape, center, radius, hands = scene
-    found = run(shape, tree_of(center, radius), hands, limit)
+    found = run(shape, sphere_tree(center, radius).arrays(), hands, limit)
     for values, expected in zip(found, brute_force(shape, center, radius, hands)):
         np.testing.assert_allclose(values, np.minimum(expected, limit), atol=1e-12)
-
-
-def random_hands(ticks: int, seed: int) -> PlacedHands:
-    rng = np.random.default_rng(seed)
-    turn, position = Rotation.random(ticks, rng=rng), rng.normal(size=(ticks, 3)) * 0.06
-    angles = ((rng.uniform(HAND.flexion_min, HAND.flexion_max), np.zeros(5)) for _ in range(ticks))
-    orientation = turn.as_quat(scalar_first=True)
-    joints = np.array([HAND.joints(p, q, *a) for p, q, a in zip(position, orientation, angles)])
-    return PlacedHands(joints, position, np.ascontiguousarray(turn.as_matrix()))
-
-
-@pytest.mark.parametrize("finger", range(5))
-def test_nan_is_not_freedom(finger: int) -> None:
-    hands = random_hands(3, 5)
-    hands.joints[1, finger, 2, 1] = hands.position[2, 0] = np.nan
-    palm, fingers = run(SHAPE, tree_of(np.zeros((1, 3)), np.array([0.05])), hands, 0.0)
-    assert np.isnan(palm).tolist() == [False, False, True]
-    assert np.argwhere(np.isnan(fingers)).tolist() == [[1, finger]]

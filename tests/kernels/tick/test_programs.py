@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from qp_problems import energy
 from sphere_scenes import bumpy_ball, engine_of, prepared, random_targets, solve_prepared
 
 from hhsim.arrays import FloatArray
@@ -63,7 +62,6 @@ def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed:
         assert theirs.status == "optimal", theirs.message
         assert (multiplier >= 0.0).all()
         np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=exact)
-        assert energy(problem, own) == pytest.approx(energy(problem, theirs.x), rel=1e-8, abs=1e-12)
         assert problem.kkt_residual(own, multiplier) < 1e-8
         programs += 1
         loaded += bool(multiplier.any())
