@@ -27,7 +27,7 @@ RUN_ELSEWHERE = {
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
     "laptop.urdf": "linkage/test_urdf.py",
-    "project_out.py": "replay/test_conformance.py",
+    "project_out.py": "replay/test_outside_replay.py",
     "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
     "openxr_bridge.py": "live/drivers/test_openxr.py",

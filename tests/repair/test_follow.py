@@ -1,7 +1,8 @@
-"""Repair of frames as they come, against the repair of the whole recording by the same hand."""
+"""Repair of frames as they come and in memory, against the file of the whole recording by the same hand."""
 
 import io
 import json
+import pydoc
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,12 +12,15 @@ import pytest
 from conftest import Run
 from repair_scenes import HAND, scene_case
 
-from hhsim.errors import InputError
+import hhsim
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.mesh.catalogue import load_object
+from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.follow import FollowedFrame, Follower, GivenFrame, followed_lines
-from hhsim.repair.in_memory import repair
+from hhsim.repair.in_memory import RepairedMotion, repair
 from hhsim.repair.recorded_scene import model_joints
-from hhsim.repair.repair import bodies_of
+from hhsim.repair.repair import bodies_of, repair_recording
 from hhsim.repair.request import RepairRequest
 
 RATE, LIMIT, LATENCY = 30.0, 0.03, 8
@@ -126,3 +130,68 @@ def test_a_line_that_is_no_frame_is_told(line: str, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
         list(followed_lines([line], Follower(BODIES)))
     assert "\n" not in str(caught.value)
+
+
+WAY = np.linspace(0.0, 0.2, 12)[:, None] * [1.0, 0.5, 0.2]
+GRASP = model_joints(HAND, scene_case("sphere", "grasp", 100, 3, 15).frames) + WAY[:, None]
+
+
+@pytest.fixture(scope="module")
+def found() -> RepairedMotion:
+    return hhsim.repair(GRASP, "sphere", rate=RATE, hand="right", object_position=WAY, max_correction=LIMIT)
+
+
+def test_arrays_are_repaired_as_the_file_that_holds_them(found: RepairedMotion, tmp_path: Path) -> None:
+    path, out = tmp_path / "grasp.npz", tmp_path / "free.npz"
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(GRASP), 1))
+    np.savez(path, keypoints=GRASP, object_pos=WAY, object_quat_wxyz=upright, fps=RATE)
+    read = ReadOptions(hand="right", length_unit="m")
+    repair_recording(RepairRequest(path, "sphere", out, max_correction=LIMIT, read=read, pictures=False))
+    np.testing.assert_allclose(found.joints, np.load(out)["keypoints"], atol=1e-12)
+    of_file = repair(path, load_object("sphere").mesh, hand="right", max_correction=LIMIT, length_unit="m")
+    np.testing.assert_array_equal(of_file.joints, found.joints)
+    assert not (tmp_path / "free-report.html").exists()
+    assert found.depth_before.max() > 5e-3 and not found.depth_after.any() and not found.marked.any()
+    np.testing.assert_array_equal(found.joints[~found.changed], GRASP[~found.changed])
+    assert 0 < found.changed.sum() < len(GRASP)
+
+
+def test_a_sample_without_a_hand_stays_so() -> None:
+    holed = GRASP.copy()
+    holed[2] = np.nan
+    found = repair(holed, "sphere", rate=RATE, hand="right", object_position=WAY, max_correction=LIMIT)
+    assert np.isnan(found.joints[2]).all() and np.isnan(found.depth_after[2]) and not found.changed[2]
+    assert np.nanmax(found.depth_after) == 0.0
+
+
+def test_as_a_data_set_it_has_the_same_values(found: RepairedMotion, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed"):
+        found.to_xarray()
+    monkeypatch.undo()
+    pytest.importorskip("xarray")
+    made = found.to_xarray()
+    assert made.sizes == {"time": 12, "joint": 21, "axis": 3}
+    np.testing.assert_array_equal(made["joints"].sel(joint="index_tip"), found.joints[:, 8])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"rate": None}, "no stamps of the samples"),
+        ({"object_position": WAY[:5]}, "object_pos"),
+        ({"joints": GRASP[:, :20]}, r"no array of shape .T, 21, 3."),
+        ({"joints": "none.npz", "object_position": None}, "no such file"),
+        ({"joints": "grasp.npz"}, "expected them with joints alone"),
+    ],
+)
+def test_what_does_not_fit_is_told_in_one_line(given: dict[str, object], said: str) -> None:
+    words = {"joints": GRASP, "rate": RATE, "object_position": WAY, **given}
+    with pytest.raises(HhsimError, match=said) as caught:
+        repair(words.pop("joints"), "sphere", hand="right", **words)
+    assert "\n" not in str(caught.value)
+
+
+def test_help_of_the_package_is_that_of_its_function() -> None:
+    text = pydoc.plain(pydoc.render_doc(hhsim.repair))
+    assert "object_position: Where the object's frame is" in text and "max_correction=0.015" in text

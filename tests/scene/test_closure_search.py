@@ -1,4 +1,4 @@
-"""Closures that a search finds, and those that ship or lie in the cache."""
+"""Demanded touches and their distances; closures that a search finds, and those that ship or lie in the cache."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import ball, flat_tree, record_clearance
+from sphere_scenes import ball, flat_tree, object_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -20,8 +20,10 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import encoded, plan_finger_closure, shipped_closures
+from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
@@ -29,6 +31,49 @@ from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.build_closures import searched
+
+HAND = HandModel.default()
+TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
+
+
+def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
+    random = np.random.default_rng(seed)
+    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
+    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
+    work = make_work(HAND.arrays(), TREE.arrays())
+    distance = body_distances(position, rotation, flexion, np.zeros(5), work)
+    return position, rotation, work.joints.copy(), distance
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) -> None:
+    position, rotation, joints, _ = pose(seed)
+    touch, coarse = Touch("middle", "inside"), COARSE
+    (found,) = touch_distances([touch], "cup", HAND, coarse, joints, position, rotation)
+    best = np.inf
+    for k in range(3):
+        for center, radius in zip(coarse.leaf_center, coarse.leaf_radius):
+            distance, places = round_cone_contact(
+                center[None], np.array([radius]), joints[2, k], joints[2, k + 1], *HAND.radius[2, k : k + 2]
+            )
+            if holds(object_regions("cup")["inside"], places)[0]:
+                best = min(best, float(distance[0]))
+    assert found == pytest.approx(best, abs=1e-12)
+    (anywhere,) = touch_distances([Touch("middle")], "cup", HAND, coarse, joints, position, rotation)
+    assert anywhere <= found
+
+
+NAMED = [(name, region) for name in object_names() for region in object_regions(name)]
+
+
+@pytest.mark.parametrize(("name", "region"), NAMED)
+def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name: str, region: str) -> None:
+    triangles = load_object(name).mesh.triangles
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    share = area[holds(object_regions(name)[region], triangles.mean(axis=1))].sum() / area.sum()
+    assert 0.005 < share < 0.75
+
 
 RIGHT = HandModel.default("right")
 

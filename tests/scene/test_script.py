@@ -1,14 +1,23 @@
+"""Motions from scripts, and those that are synthesised for an object."""
+
+from pathlib import Path
+
 import numpy as np
 import pytest
-from sphere_scenes import object_tree
+from msgspec import structs
+from scipy.spatial.transform import Rotation
+from sphere_scenes import ball, object_tree, row
 
 from hhsim.errors import TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
+from hhsim.motion.trajectory import Trajectory
 from hhsim.motion.tremor import Disturbance
+from hhsim.scene import closure_search
+from hhsim.scene.closure_search import plan_finger_closure
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Placement, Script, ScriptPhase, parse_script
-from hhsim.scene.synthesis import planned, synthesize
+from hhsim.scene.synthesis import Course, planned, synthesize, to_and_fro
 
 SMALL = """
 [[phase]]
@@ -120,3 +129,158 @@ def test_the_other_hand_s_place_is_a_mirror_image() -> None:
     again = other.mirrored()
     np.testing.assert_allclose(again.position, placement.position)
     np.testing.assert_allclose(rotation_matrix(again.orientation), given, atol=1e-12)
+
+
+def bytes_of(motion: Trajectory) -> bytes:
+    return b"".join(
+        getattr(motion, key).tobytes() for key in ("time", "position", "orientation", "flexion", "abduction")
+    )
+
+
+@pytest.mark.parametrize("name", ["touch", "pinch", "grasp", "whole-hand", "slide"])
+def test_the_motion_goes_through_what_was_planned(name: str) -> None:
+    script = load_script(name)
+    tree = ball(0.035)
+    closure = plan_finger_closure(script, HAND, tree)
+    motion = synthesize(script, HAND, tree)
+    assert motion.sample_count == 3000
+    np.testing.assert_array_equal(motion.time, np.arange(3000) / 1000.0)
+    assert [phase.name for phase in motion.phases] == [phase.name for phase in script.phases]
+    assert motion.phases[0].start_time == 0.0 and motion.phases[-1].end_time == pytest.approx(3.0)
+    start = closure.position + script.start_distance * closure.rotation[:, 2]
+    np.testing.assert_allclose(motion.position[0], start, atol=1e-12)
+    assert (motion.flexion[0] == closure.open).all()
+    hold = next(phase for phase in motion.phases if phase.name == "hold")
+    inside = (motion.time >= hold.start_time) & (motion.time < hold.end_time)
+    # A hold without tremor is frozen to the last bit.
+    for key in ("position", "orientation", "flexion", "abduction"):
+        values = getattr(motion, key)[inside]
+        assert (values == values[0]).all(), key
+    place = closure.position - script.palm_depth * closure.rotation[:, 2]
+    np.testing.assert_allclose(motion.position[inside][0], place, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[inside][0], closure.command, atol=1e-12)
+    matrix = Rotation.from_quat(motion.orientation[0], scalar_first=True).as_matrix()
+    np.testing.assert_allclose(matrix, closure.rotation, atol=1e-12)
+    np.testing.assert_allclose(motion.flexion[-1], closure.open, atol=1e-6)
+
+
+def test_a_slide_goes_the_stated_distance_along_the_palm() -> None:
+    script = load_script("slide")
+    motion = synthesize(script, HAND, row([0.0, 1.0, 0.0]))
+    slide = next(phase for phase in motion.phases if phase.name == "slide")
+    first, last = (int(np.searchsorted(motion.time, time)) for time in (slide.start_time, slide.end_time))
+    moved = motion.position[last] - motion.position[first - 1]
+    assert np.linalg.norm(moved) == pytest.approx(0.03, abs=1e-9)
+    back = Rotation.from_quat(motion.orientation[0], scalar_first=True).as_matrix()[:, 2]
+    assert abs(moved @ back) < 1e-9
+    # Along a bar every other way lets go of it or digs in.
+    assert abs(moved[1]) > 0.9 * np.linalg.norm(moved)
+
+
+def test_the_same_arguments_give_the_same_bytes_and_the_seed_only_moves_the_noise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = load_script("grasp")
+    quiet = []
+    for seed in (0, 5):
+        # It searches twice, too.
+        monkeypatch.setattr(closure_search, "_found", {})
+        monkeypatch.setattr(closure_search, "cache_root", lambda folder=tmp_path / str(seed): folder)
+        quiet.append(bytes_of(synthesize(script, HAND, ball(0.035), seed)))
+    assert quiet[0] == quiet[1]
+    tremor, sensor = {"position": 1e-4, "rotation": 0.0035}, {"counts": 4096, "noise": 0.001}
+    shaken = structs.replace(script, tremor=tremor, sensor=sensor)
+    noisy = [synthesize(shaken, HAND, ball(0.035), seed) for seed in (0, 5)]
+    assert bytes_of(noisy[0]) != bytes_of(noisy[1])
+    still = synthesize(script, HAND, ball(0.035))
+    excursion = np.linalg.norm(noisy[1].position - still.position, axis=1)
+    assert 0.9e-4 < excursion.max() <= 1e-4 * (1 + 1e-9)
+
+
+def test_any_rate_and_any_order_of_closings() -> None:
+    script = parse_script(
+        """
+        rate = 250
+        phase = [
+            { name = "approach", duration = 0.5 },
+            { name = "grasp", duration = 0.25 },
+            { name = "touch", duration = 0.25 },
+            { name = "hold", duration = 0.1 },
+        ]
+        """,
+        name="back to one",
+        where="test",
+    )
+    closure = plan_finger_closure(script, HAND, ball(0.035))
+    motion = synthesize(script, HAND, ball(0.035))
+    assert motion.sample_count == 275
+    last = motion.flexion[-1]
+    np.testing.assert_allclose(last[1], closure.command[1], atol=1e-12)
+    np.testing.assert_allclose(np.delete(last, 1, axis=0), np.delete(closure.open, 1, axis=0), atol=1e-12)
+
+
+def test_a_carry_takes_hand_and_object_along_one_arc_and_leaves_what_is_between_them() -> None:
+    script = load_script("carry")
+    (carry,) = (phase for phase in script.phases if phase.name == "carry")
+    assert carry.distance and carry.turn
+    hold = ScriptPhase("hold", carry.duration)
+    still = structs.replace(script, phases=tuple(hold if p is carry else p for p in script.phases))
+    motion, held = synthesize(script, HAND, ball(0.035)), synthesize(still, HAND, ball(0.035))
+    assert motion.object_motion is not None and held.object_motion is None
+    way = np.linalg.norm(np.diff(motion.object_motion.position, axis=0), axis=1)
+    assert way.sum() == pytest.approx(carry.distance, rel=1e-5)
+    begin, end = motion.object_motion.orientation[[0, -1]]
+    np.testing.assert_allclose(begin, [1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(end, [np.cos(0.5 * carry.turn), 0.0, 0.0, np.sin(0.5 * carry.turn)], atol=1e-12)
+    # A quarter of a circle: as far across as ahead.
+    radius = carry.distance / carry.turn
+    np.testing.assert_allclose(motion.object_motion.position[-1], [radius, radius, 0.0], atol=1e-5)
+    seen = motion.seen_from_object()
+    np.testing.assert_allclose(seen.position, held.position, atol=1e-13)
+    assert motion.flexion.tobytes() == held.flexion.tobytes()
+
+
+MIDDLE = np.array([0.1, -0.2, 0.3])
+
+
+def test_a_shake_begins_and_ends_at_rest_and_goes_nearly_as_far_as_it_says() -> None:
+    share = np.linspace(-0.1, 1.1, 100_001)
+    swing = to_and_fro(share, 4.0)
+    assert np.abs(swing[(share < 0.0) | (share > 1.0)]).max() < 1e-30
+    assert 0.95 < np.abs(swing).max() <= 1.0
+    assert np.count_nonzero(np.diff(np.sign(swing[(share > 0.01) & (share < 0.99)]))) == 7
+    acceleration = np.diff(swing, n=2) / np.diff(share)[0] ** 2
+    assert np.abs(np.diff(acceleration)).max() < 0.005 * np.abs(acceleration).max()
+
+
+def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middle() -> None:
+    script = load_script("pinch")
+    phases = (ScriptPhase("lift", 0.5, distance=0.1), ScriptPhase("turn", 0.5, turn=0.8))
+    script = structs.replace(script, phases=(*phases, ScriptPhase("shake", 1.0, distance=0.02, cycles=2.0)))
+    time = np.arange(2001) / 1000.0
+    # The palm looks down, its fingers along y and a little up.
+    tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])
+    moved = Course(script, time, "right", tilt, MIDDLE).taken
+    assert moved is not None
+    middle = moved.points(np.tile(MIDDLE, (len(time), 1))) - MIDDLE
+    np.testing.assert_allclose(middle[500], [0.0, 0.0, 0.1], atol=1e-12)
+    np.testing.assert_allclose(middle[500:1001], np.tile(middle[500], (501, 1)), atol=1e-12)
+    assert np.abs(middle[1000:, 0]).max() > 0.017 and np.abs(middle[:, 1]).max() == 0.0
+    np.testing.assert_allclose(middle[-1], [0.0, 0.0, 0.1], atol=1e-12)
+    turn = rotation_matrix(moved.turn[-1])
+    np.testing.assert_allclose(turn @ [0.0, 1.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(turn[0, 0], np.cos(0.8), atol=1e-12)
+    assert Course(load_script("grasp"), time, "right", tilt, MIDDLE).taken is None
+
+
+def test_a_phase_of_one_hand_leaves_the_other_where_it_is() -> None:
+    script, tree = load_script("hand-over"), ball(0.035)
+    motions = [synthesize(script, HandModel.default(side), tree) for side in ("right", "left")]
+    right, left = motions
+    names = [phase.name for phase in script.phases]
+    assert [phase.name for phase in right.phases] == [phase.name for phase in left.phases] == names
+    for phase, given in zip(right.phases, script.phases, strict=True):
+        inside = (right.time > phase.start_time + 1e-6) & (right.time < phase.end_time - 1e-6)
+        for side, motion in zip(("right", "left"), motions):
+            stands = all((values[inside] == values[inside][0]).all() for values in (motion.position, motion.flexion))
+            assert stands == (phase.name == "hold" or given.hand not in (None, side)), (phase, side)

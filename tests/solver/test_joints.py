@@ -1,23 +1,168 @@
-"""Two free bodies on a hinge or a slider: what is conserved, limits, and a plate that hangs from a box in the hand."""
+"""Bodies on hinges and sliders: pendulum, falls, friction, limits, pushes, and joints between two free bodies."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 from free_scenes import all_ticks, body_of, box, far_hand, solver_of
+from scipy.integrate import solve_ivp
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.scene.body import Body, Joint
+from hhsim.mesh.shapes import box_mesh
+from hhsim.scene.body import Body, Fixed, Joint
 
-DT = 1e-3
+DT, G = 1e-3, 9.81
+ARM, MASS = 0.1, 0.3
+"""Distance of the plate's centre from its hinge [m], and its mass [kg]."""
+EDGES = (0.2, 0.15, 0.005)
+INERTIA = MASS * ((EDGES[0] ** 2 + EDGES[2] ** 2) / 12 + ARM**2)
+"""Of the plate about its hinge [kg·m²]."""
+WEIGHT = MASS * G * ARM
+"""Moment of the level plate's weight about its hinge [N·m]."""
+
+
+def plate(**hinge: Any) -> Body:
+    """A level plate from x = 0 to 0.2 m, on a hinge along -y through the origin: it opens upwards."""
+    mesh = box_mesh(EDGES).transformed(np.eye(3), np.array([ARM, 0.0, 0.0]))
+    axis = Joint(**{"type": "hinge", "axis": (0.0, -2.0, 0.0), "origin": (0.0, 0.3, 0.0), **hinge})
+    return body_of(mesh, mass=MASS, joint=axis, friction=0.5)
+
+
+def angles(turn: FloatArray) -> FloatArray:
+    """Angle about -y of each orientation [rad], which has no other part."""
+    assert np.abs(turn[:, [1, 3]]).max() < 1e-12
+    return np.asarray(-2.0 * np.arctan2(turn[:, 2], turn[:, 0]))
+
+
+def arms(angle: FloatArray) -> FloatArray:
+    """Place of the plate's centre of mass from its hinge [m], (T, 3)."""
+    return ARM * np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
+
+
+def fallen(spin: float, angle: float) -> float:
+    """Speed of the plate a tick on [rad/s], by its weight's moment in the middle of the tick."""
+    found = spin
+    for _ in range(2):
+        found = spin - DT * WEIGHT / INERTIA * (np.cos(angle) - np.sin(angle) * 0.5 * DT * found)
+    return float(found)
+
+
+def swing(ticks: int, **hinge: Any) -> tuple[FloatArray, Any]:
+    solver = solver_of(plate(**hinge))
+    solver.run(*far_hand(ticks))
+    return angles(solver.object_ticks.turn), solver.object_ticks
+
+
+def test_a_plate_that_is_let_go_swings_as_a_pendulum() -> None:
+    angle, ticks = swing(2000)
+    spin, wanted, at = 0.0, np.zeros(2000), 0.0
+    for i in range(2000):
+        spin = fallen(spin, at)
+        at += DT * spin
+        wanted[i] = at
+    np.testing.assert_allclose(angle, (wanted + np.pi) % (2 * np.pi) - np.pi, atol=1e-9)
+    true = solve_ivp(
+        lambda _, y: [y[1], -WEIGHT / INERTIA * np.cos(y[0])], (0, 2), [0, 0], t_eval=DT * np.arange(1, 2001), rtol=1e-9
+    )
+    half = [int(np.flatnonzero(np.diff(one) >= 0.0)[0]) for one in (angle, true.y[0])]
+    assert half[0] == pytest.approx(half[1], rel=0.01), "half of a period"
+    spin_at = ticks.angular_velocity[:, 1]
+    energy = 0.5 * INERTIA * spin_at**2 + WEIGHT * np.sin(angle)
+    assert (np.diff(energy) < 1e-9).all() and energy[-1] > -0.1 * WEIGHT, "it loses a little, and gains nothing"
+    # The hinge stays where it is: the velocity is that of the centre of mass about it.
+    np.testing.assert_allclose(ticks.velocity[1:], np.diff(arms(angle), axis=0) / DT, atol=1e-9)
+    assert np.abs(ticks.shift).max() < 1e-12
+
+
+@pytest.mark.parametrize("share", [0.999, 1.001, 1e-3, 100.0])
+def test_friction_of_the_hinge_holds_the_plate_or_brakes_it(share: float) -> None:
+    angle, ticks = swing(40, friction=share * WEIGHT)
+    if share < 1.0:
+        spin, at = 0.0, 0.0
+        for i in range(40):
+            spin = fallen(spin, at) + DT * share * WEIGHT / INERTIA
+            at += DT * spin
+            assert angle[i] == pytest.approx(at, rel=1e-6)
+    else:
+        assert np.abs(angle).max() < 1e-12 and np.abs(ticks.angular_velocity).max() < 1e-9
+
+
+def test_limits_end_the_swing() -> None:
+    angle, ticks = swing(1500, limits=(-0.7, 0.1))
+    assert angle.min() == pytest.approx(-0.7, abs=1e-12) and angle[-1] == pytest.approx(-0.7, abs=1e-12)
+    assert np.abs(ticks.angular_velocity[-100:]).max() < 1e-9
+    fell = np.flatnonzero(angle < -0.69)[0]
+    assert (np.diff(angle[:fell]) < 0.0).all()
+
+
+CART_MASS = 0.3
+STEEP = np.array([0.8, 0.0, -0.6])
+"""An axis that goes down."""
+PULL = 0.6 * CART_MASS * G
+"""Part of the weight along it [N]."""
+
+
+def cart(velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), **given: Any) -> Body:
+    """A plate of 200 × 150 × 20 mm on a slider, about the origin."""
+    mesh = box_mesh((0.2, 0.15, 0.02))
+    slider = Joint(**{"type": "slider", "axis": tuple((3.0 * STEEP).tolist()), **given})
+    return body_of(mesh, mass=CART_MASS, joint=slider, friction=0.5, velocity=velocity)
+
+
+def slid(ticks: int, **given: Any) -> tuple[FloatArray, Any]:
+    """The way of a cart that nothing touches [m], (T,), and its records; it neither turns nor leaves its axis."""
+    solver = solver_of(cart(**given))
+    solver.run(*far_hand(ticks))
+    record = solver.object_ticks
+    way = record.shift @ STEEP
+    np.testing.assert_allclose(record.shift, np.outer(way, STEEP), atol=1e-12)
+    assert (record.turn == [1.0, 0.0, 0.0, 0.0]).all() and not record.angular_velocity.any()
+    np.testing.assert_allclose(record.velocity[1:], np.diff(record.shift, axis=0) / DT, atol=1e-9)
+    return way, record
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 0.999, 1.001, 100.0])
+def test_it_goes_down_as_its_weight_and_friction_have_it(share: float) -> None:
+    way, _ = slid(50, friction=share * PULL)
+    count = np.arange(1, 51)
+    pace = max(0.0, 1.0 - share) * PULL / CART_MASS
+    np.testing.assert_allclose(way, pace * DT**2 * count * (count + 1) / 2, rtol=2e-6, atol=1e-12)
+
+
+def test_limits_end_the_way() -> None:
+    way, record = slid(600, limits=(-0.1, 0.05))
+    assert way.max() == pytest.approx(0.05, abs=1e-12) and way[-1] == pytest.approx(0.05, abs=1e-12)
+    assert np.abs(record.velocity[-100:]).max() < 1e-9
+
+
+def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_the_momentum() -> None:
+    rail = box_mesh((0.6, 0.05, 0.05)).transformed(np.eye(3), np.array([0.0, 0.0, -0.02]))
+    stone = box_mesh((0.04, 0.04, 0.04)).transformed(np.eye(3), np.array([0.0, 0.0, 0.03 + 2e-6]))
+    others = body_of(rail, "rail", friction=0.5, moves=Fixed()), body_of(stone, "stone", mass=0.2, friction=0.5)
+    solver = solver_of(cart((0.3, 0.0, 0.0), axis=(1.0, 0.0, 0.0), on="rail"), others=others)
+    record = solver.run(*far_hand(200))
+    ticks = all_ticks(solver)
+    of_cart, _, of_stone = ticks.bodies
+    assert not record.status.any(), "it goes through the rail that bears it"
+    speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
+    np.testing.assert_allclose(CART_MASS * speeds[0] + 0.2 * speeds[1], CART_MASS * 0.3, rtol=1e-9)
+    # Sliding friction is 0.5 of the stone's weight, until both are as fast.
+    sliding = int(0.3 / (0.5 * G * (1.0 + 0.2 / CART_MASS)) / DT)
+    pace = np.polyfit(DT * np.arange(2, sliding - 1), speeds[1][2 : sliding - 1], 1)[0]
+    assert pace == pytest.approx(0.5 * G, rel=0.003)
+    np.testing.assert_allclose([one[-1] for one in speeds], CART_MASS * 0.3 / (CART_MASS + 0.2), rtol=1e-6)
+    np.testing.assert_allclose(ticks.body_wrench[0, 100:, 2], -0.2 * G, rtol=1e-6)
+    assert not of_cart.shift[:, 1:].any()
+
+
 STILL: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0)}
-EDGES = (0.2, 0.1, 0.02)
+LONG = (0.2, 0.1, 0.02)
 
 
 def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[Body, Body]]:
     """The records of two plates without gravity that begin end to end, the first one on a joint of the second."""
-    meshes = box(EDGES, (0.1, 0.0, 0.0)), box(EDGES, (-0.1, 0.0, 0.0))
+    meshes = box(LONG, (0.1, 0.0, 0.0)), box(LONG, (-0.1, 0.0, 0.0))
     first = body_of(meshes[0], mass=0.3, **STILL, **of_first)
     second = body_of(meshes[1], "base", mass=0.5, **STILL)
     solver = solver_of(first, others=[second])

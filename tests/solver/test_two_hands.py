@@ -1,15 +1,27 @@
-"""Two hands at one free object, against closed forms, each other's mirror image and a hand that is alone."""
+"""Two hands at one object, and out of each other: closed forms, mirror images, hands alone, and random ticks."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from free_scenes import TIP, body_of, box, tongs
+from sampled import sampled
+from sphere_scenes import UNTIMED, bumpy_ball, record_clearance
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.model import HandModel
+from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.kernels.world.record import WorldRecord
+from hhsim.mesh.catalogue import load_object
+from hhsim.metrics.metrics import distance_of_hands, hand_clearance
+from hhsim.motion.analytic_motion import random_targets, still
+from hhsim.scene.body import Body
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
@@ -103,3 +115,132 @@ def test_forces_and_motion_agree_at_every_tick() -> None:
         np.add.at(own, tick, -ticks.normal_force[rows, None] * ticks.normal[rows] - ticks.friction_force[rows])
         np.testing.assert_allclose(own, ticks.hand_wrench[:, :3], atol=1e-9)
         before = ticks
+
+
+HANDS = HandModel.default("right"), HandModel.default("left")
+AIR = contact_surface("mesh", box((0.01, 0.01, 0.01), (50.0, 50.0, 50.0)), None)
+FREE = body_of(box((0.05, 0.05, 0.05), (50.0, 50.0, 50.0)), gravity=(0.0, 0.0, 0.0))
+FLIP = np.array([-1.0, 1.0, 1.0])
+TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
+Pair = tuple[HandConfiguration, HandConfiguration]
+
+
+def options_at(surface: Any, **options: Any) -> SolverOptions:
+    kind = surface_of(getattr(surface, "arrays", surface))
+    return SolverOptions(surface=next(name for name, known in SURFACES.items() if known is kind), **options)
+
+
+def run(motions: Pair, surface: Any = AIR, free: Body | None = None, **options: Any) -> tuple[TickRecord, TickRecord]:
+    """Run both hands, at a surface or at a free box; they are returned as that sees them."""
+    if free is not None:
+        surface = contact_surface("mesh", free.mesh, None)
+    solver = WorldSolver([HandSolver(hand, surface, options_at(surface, **options)) for hand in HANDS], free)
+    records: list[list[TickRecord]] = [[], []]
+    for first in range(0, len(motions[0].position), 100):
+        for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
+            kept.append(found)
+    one, two = (TickRecord._make(np.concatenate(values) for values in zip(*kept)) for kept in records)
+    return one, two
+
+
+def apart(hands: Any) -> FloatArray:
+    """Distance at each tick, by code of its own, of two hands given by their configurations or records."""
+    at = [HandConfiguration(one.position, one.orientation, one.flexion, one.abduction) for one in hands]
+    return distance_of_hands(HANDS, [forward_kinematics(hand, *one) for hand, one in zip(HANDS, at)])
+
+
+def ball_of(surface: str, leaves: int) -> Any:
+    """Arrays of a ball of triangles, or of so many spheres."""
+    if surface == "mesh":
+        return contact_surface("mesh", load_object("sphere").mesh, None).arrays
+    return bumpy_ball(leaves).arrays()
+
+
+def least_clearance(hand: HandModel, surface: Any, record: TickRecord) -> float:
+    """Least distance of a hand of a record to a surface [m]."""
+    shown = HandConfiguration(record.position, record.orientation, record.flexion, record.abduction)
+    palm, fingers = hand_clearance(surface, hand_shape(hand), forward_kinematics(hand, *shown), limit=1.0)
+    return float(min(palm.min(), fingers.min()))
+
+
+def mirrored(motion: HandConfiguration) -> HandConfiguration:
+    return motion._replace(position=motion.position * FLIP, orientation=motion.orientation * [1.0, 1.0, -1.0, -1.0])
+
+
+def through(depth: float, ticks: int = 150, hold: int = 60) -> Pair:
+    """Hands that come from the sides, meet at the plane between them, and are then in each other by a depth [m]."""
+    way = still([0.2, 0.0, 0.0]).line(still([-0.05, 0.0, 0.0]), 999)
+    way = way._replace(orientation=np.tile(TURN, (1000, 1)))
+    end = int(np.argmax(apart((way, mirrored(way))) <= -depth))
+    right = way.at(slice(0, 1)).line(way.at(slice(end, end + 1)), ticks - 1).hold(hold)
+    return right, mirrored(right)
+
+
+@pytest.mark.parametrize(
+    "options",
+    sampled([{}, {"free": FREE}, {"self_contact": True}, {"method": "progressive"}], lambda place, _: place < 2),
+)
+def test_hands_commanded_through_each_other_touch_and_push_alike(options: dict[str, Any]) -> None:
+    motions = through(0.015)
+    assert apart(motions).min() < -0.014
+    one, two = run(motions, **options)
+    # Round bodies slip aside in the end.
+    distance, rests = apart((one, two)), -20
+    assert distance.min() >= 0.0 and distance[rests] <= 1e-6
+    assert not ((one.status | two.status)[rests] & (STATUS_LAG | STATUS_STUCK))
+    assert np.linalg.norm(one.total[rests]) > 0.2
+    np.testing.assert_array_equal(one.total[: rests + 1], -two.total[: rests + 1])
+    # What the other hand pushes with is what the user's pulls with, on either side.
+    for record in (one, two):
+        np.testing.assert_allclose(record.palm_wrench[rests, :3], record.total[rests], rtol=1e-2, atol=1e-3)
+
+
+@pytest.mark.quick("mesh")
+@pytest.mark.parametrize("surface", ["mesh", "spheres"])
+def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) -> None:
+    ball = ball_of(surface, 150)
+    near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
+    motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
+    together = run(motions, ball)
+    assert apart(together).min() > 0.0
+    for hand, motion, record in zip(HANDS, motions, together):
+        alone = HandSolver(hand, ball, options_at(ball)).run(*motion)
+        assert np.abs(alone.total).max() > 1.0
+        for name in UNTIMED:
+            assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
+
+
+@pytest.mark.parametrize("free", [None, FREE], ids=["fixed", "free"])
+def test_hands_that_begin_in_each_other_begin_beside(free: Body | None) -> None:
+    right = still([0.02, 0.0, 0.0]).hold(30)
+    motions = right, mirrored(right)
+    assert apart(motions).max() < -5e-3
+    one, two = run(motions, free=free)
+    assert one.status[0] == two.status[0] == STATUS_START_INSIDE, "they have come near, and have nothing left to go"
+    distance = apart((one, two))
+    assert distance.min() >= 0.0 and distance[-1] <= 1e-6
+    np.testing.assert_array_equal(one.total, -two.total)
+
+
+def random_hands(seed: int, ticks: int) -> Pair:
+    random = np.random.default_rng(seed)
+    right, left = (random_targets(hand, ticks, random, hold=20) for hand in HANDS)
+    return right, left._replace(position=left.position + [0.02, 0.03, 0.02])
+
+
+@pytest.mark.quick("0-mesh")
+@pytest.mark.parametrize("surface", ["mesh", "spheres"])
+@pytest.mark.parametrize("seed", range(20))
+def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> None:
+    ball, motions = ball_of(surface, 60), random_hands(seed, 300)
+    options: dict[str, Any] = {"self_contact": True} if seed % 2 else {}
+    records = run(motions, ball, **options)
+    assert apart(motions).min() < -5e-3
+    assert apart(records).min() >= 0.0
+    for hand, record in zip(HANDS, records):
+        if surface == "spheres":
+            assert record_clearance(hand, bumpy_ball(60), record).min() >= 0.0
+        else:
+            assert least_clearance(hand, ball, record) >= 0.0
+        if options:
+            assert self_clearance(hand, self_pairs(hand), record.flexion, record.abduction).min() >= 0.0

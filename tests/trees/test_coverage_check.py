@@ -1,5 +1,6 @@
-"""The check of a cover's proof: it passes what the builder made, and nothing that was tampered with."""
+"""The check of a cover's proof, triangles that enclose nothing, and the search for the fewest spheres."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -13,11 +14,14 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import MeshError
 from hhsim.mesh.mesh import Mesh
-from hhsim.trees.builder import build_sphere_tree, proved_anew
+from hhsim.trees.builder import NEAR, PROBED, PROBES, build_sphere_tree, find_fewest, proved_anew
+from hhsim.trees.contact_surface import encloses
 from hhsim.trees.coverage_check import faults
 from hhsim.trees.error import prove_cover
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import LevelCover, SphereTree
+from hhsim.trees.triangle_tree import tree_of_any, triangle_tree
+from tools.tree_checks import sticking_out
 
 
 def mesh_of(shape: trimesh.Trimesh) -> Mesh:
@@ -116,3 +120,82 @@ def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
     assert proved_anew(mirrored, image).check(image) == ()
     with pytest.raises(MeshError, match=r"shape: \d+ faces are not covered"):
         proved_anew(mirrored, MESH.scaled(1.5))
+
+
+def soup(count: int, seed: int = 3, size: float = 0.03) -> Mesh:
+    """Loose triangles [m]."""
+    random = np.random.default_rng(seed)
+    middle = random.uniform(-0.05, 0.05, (count, 1, 3))
+    corners = middle + random.normal(size=(count, 3, 3)) * size
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), name="soup")
+
+
+def uncovered(mesh: Mesh, center: FloatArray, radius: FloatArray) -> float:
+    """Farthest that a random point of the mesh is outside of all spheres [m]."""
+    random = np.random.default_rng(1)
+    share = random.dirichlet(np.full(3, 0.5), size=(len(mesh.faces), 40))
+    points = np.einsum("fnk,fki->fni", share, mesh.triangles).reshape(-1, 3)
+    points = np.concatenate([points, mesh.vertices])
+    return max(float((np.linalg.norm(point - center, axis=1) - radius).min()) for point in points)
+
+
+@pytest.mark.parametrize(("count", "level"), [(1, 2), (7, 3), (60, 2), (300, 2), (300, 3)])
+def test_the_leaves_cover_every_triangle(count: int, level: int) -> None:
+    mesh = soup(count)
+    tree = triangle_tree(mesh, level)
+    assert tree.depth == level and tree.leaf_count <= 8**level
+    assert uncovered(mesh, tree.leaf_center, tree.leaf_radius) < 1e-12
+    assert max(sticking_out(tree, above, leaves_only=True) for above in range(level)) < 1e-12
+
+
+def test_only_what_encloses_something_gets_the_usual_tree() -> None:
+    box = trimesh.creation.box((0.05, 0.06, 0.07))
+    vertices, faces = np.array(box.vertices, np.float64), np.array(box.faces, np.int64)
+    closed, opened, inward = Mesh(vertices, faces), Mesh(vertices, faces[1:]), Mesh(vertices, faces[:, ::-1])
+    assert [encloses(mesh) for mesh in (closed, opened, inward)] == [True, False, False]
+    assert "around" not in tree_of_any(closed, 2).options
+    for mesh in (opened, inward):
+        assert tree_of_any(mesh, 2).options == {"around": "triangles", "level": 2}
+
+
+class Builder:
+    """Makes covers of one sphere that stands for many, off by scale · n ** −slope and some noise."""
+
+    def __init__(self, scale: float, slope: float, noise: float = 0.0, gap: float = 0.0) -> None:
+        self.scale, self.slope, self.noise, self.gap = scale, slope, noise, gap
+        self.tried: list[int] = []
+
+    def error(self, count: int) -> float:
+        noise = self.noise * float(np.random.default_rng(count).normal())
+        return float(self.scale * count**-self.slope * np.exp(noise))
+
+    def __call__(self, count: int) -> LevelCover:
+        self.tried.append(count)
+        radius = np.zeros(count)
+        radius[0] = self.error(count)
+        return LevelCover(np.zeros((count, 3)), radius, np.zeros(count), self.gap * radius[0], np.zeros(1, np.int32))
+
+
+@given(
+    st.floats(0.3, 30.0), st.floats(0.45, 1.1), st.sampled_from([0.0, 0.01, 0.03]), st.floats(0.0, 1.0), st.integers(0)
+)
+def test_the_end_is_enclosed(scale: float, slope: float, noise: float, gap: float, seed: int) -> None:
+    build = Builder(scale, slope, noise, gap)
+    most = 20_000
+    wanted = build.error(1 + seed % 10_000)
+    found = len(find_fewest(build, wanted, most).radius)
+    assert build.error(found) <= wanted
+    below = [count for count in build.tried if count < found and build.error(count) > wanted]
+    assert found == 1 or max(below) >= min(NEAR * found, found - 1)
+    if found <= PROBED:
+        probes = [math.floor(share * found) for share in PROBES]
+        assert all(probe == 0 or build.error(probe) > wanted for probe in probes)
+    assert len(build.tried) == len(set(build.tried)) <= 30
+    # A better builder begins below what was found, and ends where one sphere less, or some hundredths, are too few.
+    better = Builder(0.85 * scale, slope, noise, gap)
+    if found > 1:
+        fewer = len(find_fewest(better, wanted, 64, build(found)).radius)
+        assert fewer <= found and (fewer == found or better.error(fewer) <= wanted)
+        below = [count for count in better.tried if count < fewer and better.error(count) > wanted]
+        assert fewer == 1 or max(below) >= min(NEAR * fewer, fewer - 1, 64)
+        assert len(better.tried) <= 12 and max(better.tried) <= 64

@@ -1,11 +1,16 @@
-"""Figures of a fit against closed forms, and the definitions of cuRobo's as trimesh and numpy have them."""
+"""Figures and errors of a fit against closed forms, brute force, trimesh, and the definitions of cuRobo's."""
 
 import numpy as np
 import pytest
 import trimesh
 
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.trees.builder import build_sphere_tree
+from hhsim.trees.error import measure_levels, sample_spheres
 from hhsim.trees.fit import measure_fit
+from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.options import TreeOptions
 
 BOX = trimesh.creation.box((0.2, 0.2, 0.2))
 MESH = Mesh(np.asarray(BOX.vertices), np.asarray(BOX.faces))
@@ -55,3 +60,39 @@ def test_figures_are_those_of_the_definitions_on_many_spheres() -> None:
     assert fit.surface_gap_mean == pytest.approx(gap.mean(), rel=0.05)
     assert fit.surface_gap_p95 == pytest.approx(np.quantile(gap, 0.95), rel=0.05)
     assert fit.surface_coverage == pytest.approx((gap == 0.0).mean(), abs=0.015)
+
+
+SMALL_BOX = trimesh.creation.box((0.1, 0.1, 0.1))
+SMALL_MESH = Mesh(np.asarray(SMALL_BOX.vertices), np.asarray(SMALL_BOX.faces), name="box")
+
+
+def test_errors_are_true() -> None:
+    mesh = SMALL_MESH
+    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    rng = np.random.default_rng(17)
+    for error in tree.errors:
+        center, radius = tree.spheres(error.level)
+        points, owner, area = sample_spheres(center, radius, 40_000, rng)
+        distance = np.linalg.norm(points[:, None] - center, axis=2) - radius
+        distance[np.arange(len(points)), owner] = np.inf
+        points, area = points[distance.min(axis=1) >= 0.0], area[distance.min(axis=1) >= 0.0]
+        # The distance from a box in closed form.
+        outside = np.linalg.norm(np.maximum(0.0, np.abs(points) - 0.05), axis=1)
+        area, outside = area[outside > 0.0], outside[outside > 0.0]
+        assert outside.max() <= error.bound
+        assert error.protrusion_max <= error.bound * (1.0 + 1e-12)
+        assert error.protrusion_max == pytest.approx(outside.max(), rel=0.03)
+        assert error.protrusion_mean == pytest.approx(np.average(outside, weights=area), rel=0.03)
+        assert error.protrusion_mean <= error.protrusion_p99 <= error.protrusion_max
+
+
+def test_a_lone_ball_in_closed_form() -> None:
+    bvh = build_mesh_bvh(SMALL_MESH.vertices, SMALL_MESH.faces)
+    tree = build_hierarchy(np.zeros((1, 3)), np.array([0.06]), 1, 8)
+    error = measure_levels(SMALL_MESH, bvh, tree)[-1]
+    assert error.bound == pytest.approx(0.01)
+    assert error.protrusion_max == pytest.approx(0.01, rel=1e-3)
+    # Each face lets a cap through whose heights are spread evenly: Archimedes.
+    assert error.protrusion_mean == pytest.approx(0.005, rel=0.02)
+    assert error.protrusion_p99 == pytest.approx(0.0099, rel=0.01)
+    assert error.gap_max == pytest.approx(0.05 * np.sqrt(3.0) - 0.06, rel=0.05)

@@ -1,4 +1,4 @@
-"""Trees of other programs: their frame, unit and faults, as the toolkit leaves them, and the errors they have."""
+"""Trees of other programs: the toolkit's text format, frame, unit, faults, and the errors they have."""
 
 import re
 from functools import cache
@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
@@ -14,7 +16,8 @@ from hhsim.errors import InputError
 from hhsim.mesh.mesh import Mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.file import save_tree
-from hhsim.trees.foreign_tree import import_tree, load_tree_for, save_sph
+from hhsim.trees.foreign_tree import import_tree, load_sph, load_tree_for, save_sph
+from hhsim.trees.hierarchy import build_hierarchy
 from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -141,3 +144,57 @@ def test_a_tree_of_another_mesh_is_measured_but_not_replayed(tmp_path: Path) -> 
     assert found.tree.errors[-1].gap_max > 1e-3
     with pytest.raises(InputError, match=r"built for the mesh .* but longer is"):
         load_tree_for(path, longer)
+
+
+@settings(max_examples=30)
+@given(st.integers(1, 40), st.sampled_from([(1, 8), (2, 2), (2, 8), (3, 4)]), st.integers(0, 2**31))
+def test_there_and_back(
+    tmp_path_factory: pytest.TempPathFactory, count: int, shape: tuple[int, int], seed: int
+) -> None:
+    level, branching = shape
+    rng = np.random.default_rng(seed)
+    count = min(count, branching**level)
+    tree = build_hierarchy(rng.normal(size=(count, 3)), 0.1 + rng.random(count), level, branching)
+    path = tmp_path_factory.mktemp("sph") / "tree.sph"
+    save_sph(tree, path)
+    back = load_sph(path)
+    assert np.array_equal(back.center, tree.center)
+    assert np.array_equal(back.radius, tree.radius)
+    assert np.array_equal(back.level, tree.level)
+    assert np.array_equal(back.parent, tree.parent)
+
+
+def test_parents_grow_and_unused_slots_vanish(tmp_path: Path) -> None:
+    # As the toolkit writes: unused slots with radius -1 or 0, parents too small, statistics after the last slot.
+    path = tmp_path / "toolkit.sph"
+    slots = ["0 0 0 0.5 1", "1 0 0 0.1 1", "-1 0 0 0.2 1"]
+    slots += ["1.5 0 0 0.3 1", "0 0 0 -1.000000 0.000000", "-1.5 0 0 0.1 1", "-1 0 0 0 0"]
+    path.write_text("3 2\n" + "\n".join(slots) + "\n\nLevel 0: worst 0.25\n")
+    tree = load_sph(path)
+    assert tree.parent.tolist() == [-1, 0, 0, 1, 2]
+    assert tree.leaf_radius.tolist() == [0.3, 0.1]
+    assert tree.radius[:3] == pytest.approx([1.8, 0.8, 0.6])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "first line"),
+        ("solid cube\n", "first line"),
+        ("0 8\n", "expected a tree"),
+        ("30 8\n", "expected a tree"),
+        ("2 2\n0 0 0 1 1\n", "promises 3"),
+        ("1 2\n0 0 zero 1 1\n", "slot 0 reads"),
+        ("1 2\n0 0\n", "slot 0 reads"),
+        ("1 2\n0 nan 0 1 1\n", "not finite"),
+        ("1 2\n0 0 0 -1 1\n", "root sphere is unused"),
+        ("3 2\n0 0 0 1 1\n0 0 0 -1 1\n0 0 0 1 1\n" + "0 0 0 1 1\n" * 4, "slot 3 hangs"),
+    ],
+)
+def test_files_that_are_no_tree_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.sph"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        load_sph(path)
+    assert "bad.sph" in str(caught.value)
+    assert "\n" not in str(caught.value)
