@@ -113,7 +113,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("ships", [False, True], ids=["kept", "shipped"])
 @pytest.mark.parametrize("fault", ["none", "flipped", "flipped in the digest", "cut", "empty"])
-@pytest.mark.quick("none-shipped", "flipped-kept")
+@pytest.mark.quick("flipped-kept")
 def test_a_file_is_loaded_and_a_damaged_one_is_named_and_compiled_anew(
     compiled: Path, tmp_path: Path, fault: str, ships: bool
 ) -> None:

@@ -164,6 +164,7 @@ def test_a_sample_without_a_hand_stays_so() -> None:
     assert np.nanmax(found.depth_after) == 0.0
 
 
+@pytest.mark.soak
 def test_as_a_data_set_it_has_the_same_values(found: RepairedMotion, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(InputError, match="xarray is not installed"):

@@ -61,6 +61,7 @@ def stored(both: Replay) -> Path:
     return path
 
 
+@pytest.mark.soak
 def test_each_hand_is_as_it_is_alone(stored: Path, scene: Scene, tmp_path: Path) -> None:
     hands = load_result(stored).hands
     assert list(hands) == ["right", "left"]
@@ -101,6 +102,7 @@ def test_how_near_the_hands_come_is_that_of_the_stored_poses(both: Replay, store
     assert "µs" in both.note and "come within" in both.note
 
 
+@pytest.mark.soak
 def test_both_hands_are_an_axis_of_a_data_set(stored: Path) -> None:
     pytest.importorskip("xarray")
     found = load_result(stored)

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import body_file_names, names_a_body_file
-from hhsim.mesh.shapes import box_mesh
 from hhsim.scene.body import BodySettings, Driven, Fixed, Free, Joint
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.motion_catalogue import resolve_trajectory
@@ -41,7 +40,7 @@ DRIVEN = """joint.type = "slider"
 joint.axis = [0.0, 2.0, 0.0]
 joint.limits = [0.0, 0.2]
 joint.motion = [[0.0, 0.02], [1.0, 0.1]]"""
-HINGE, SLIDER = (f'joint.type = "{kind}"\njoint.axis = [0.0, 0.0, 1.0]\n' for kind in ("hinge", "slider"))
+HINGE = 'joint.type = "hinge"\njoint.axis = [0.0, 0.0, 1.0]\n'
 
 
 def written(folder: Path, text: str) -> str:
@@ -76,31 +75,6 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
     seen = seen_scene(scene)
     assert seen.parts is not None and seen.parts.names == ("peg", "wall") and seen.free is not None
     assert seen.free.limits == pytest.approx((-1.5, 0.1))
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "message"),
-    [
-        ('name = "wall"', 'name = "left"', "a body has the name 'left', which is a hand's"),
-        ("mass = 0.05", "mass = 0.05\ndensity = 900.0", "both mass and density"),
-        ("[0.2, 0.0, 0.05]", "[0.05, 0.0, 0.05]", r"begins in body .* mm or more"),
-        ("mass = 0.05", "mass = -1.0", "mass"),
-        ("fixed = true", "glued = true", "glued"),
-        ("mass = 0.05", HINGE + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits; expected 0.1"),
-        ("mass = 0.05", HINGE + 'joint.on = "table"', "unknown body 'table'"),
-        ("fixed = true", "fixed = true\n" + HINGE, "'wall' has both fixed and joint"),
-        ("mass = 0.05", SLIDER.replace("1.0]", "0.0]"), "the axis of the slider has length 0"),
-        ("mass = 0.05", SLIDER + "joint.limits = [0.1, 1.0]", "start has the value 0, beyond the limits"),
-        ("fixed = true", f"fixed = true\n{DRIVEN}", "'wall' has both fixed and joint"),
-        ('plane = "under"', 'plane = "under"\n' + HINGE, "'table' is a plane, which stays where it is"),
-        ("fixed = true", 'poses = { file = "gone.npy", rate = 30.0 }', "gone.npy: no such file"),
-    ],
-)
-def test_bad_files_of_bodies_are_refused_in_one_line(tmp_path: Path, before: str, after: str, message: str) -> None:
-    assert before in TWO
-    with pytest.raises(InputError, match=message) as refused:
-        load_object(written(tmp_path, TWO.replace(before, after)))
-    assert "\n" not in str(refused.value)
 
 
 def test_a_driven_body_begins_where_its_joint_has_it_and_goes_on_from_there(tmp_path: Path) -> None:
@@ -139,6 +113,8 @@ def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_pat
         load_object(word, solid=False)
     with pytest.raises(InputError, match=r"has no stamps; expected rate = 30\.0"):
         load_object(written(tmp_path, given.replace(", rate = 30.0", "")), solid=False)
+    with pytest.raises(InputError, match=r"gone\.npy: no such file"):
+        load_object(written(tmp_path, given.replace("wall.npy", "gone.npy")), solid=False)
 
 
 def test_joints_that_a_script_moves_are_those_of_the_bodies() -> None:
@@ -179,16 +155,6 @@ def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
     assert seen.tree.leaf_count == sum(tree.leaf_count for tree in parts.trees)
 
 
-def test_values_beyond_the_limits_are_told() -> None:
-    script = SimpleNamespace(name="", joints=(("lid", ((0.0, 3.0),)),))
-    with pytest.raises(InputError, match=r"joint 'lid': motion\[1\] has the value 3, beyond the limits"):
-        load_object("laptop", script)
-
-
-def test_a_box_is_closed_and_wound_outward() -> None:
-    assert box_mesh((1.0, 2.0, 3.0)).volume == pytest.approx(6.0)
-
-
 BASE = '[[body]]\nname = "base"\nmesh = "cube"\nfixed = true\n'
 LID = """[[body]]
 name = "lid"
@@ -217,6 +183,13 @@ joint.limits = [0.0, 0.1]
 joint.motion = [[0.0, 0.0], [1.0, 0.05]]
 """
 FAULTS = {
+    "a hand's name": (TWO.replace('"wall"', '"left"'), "a body has the name 'left', which is a hand's"),
+    "two weights": (TWO.replace("mass = 0.05", "mass = 0.05\ndensity = 900.0"), "both mass and density"),
+    "negative mass": (TWO.replace("mass = 0.05", "mass = -1.0"), "mass"),
+    "no such key": (TWO.replace("fixed = true", "glued = true"), "glued"),
+    "on a plane": (TWO.replace("mass = 0.05", HINGE + 'joint.on = "table"'), "unknown body 'table'"),
+    "fixed on a joint": (TWO.replace("fixed = true", f"fixed = true\n{DRIVEN}"), "'wall' has both fixed and joint"),
+    "plane on a joint": (TWO + HINGE, "'table' is a plane, which stays where it is"),
     "overlap": (BOOK.format(height=0.007), "body 'front' begins in body 'back': a shift of 3 mm or more takes them"),
     "crossing": (
         # No corner of one is in the other.

@@ -276,6 +276,7 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 """
 
 
+@pytest.mark.soak
 def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
     library = Path(closure_search.__file__).parents[1]

@@ -37,8 +37,6 @@ SQUEEZE = 4.0
 FRICTION, MASS = 0.5, 0.5
 MOST = 2.0 * FRICTION * SQUEEZE
 """Weight that two hands just hold [N]."""
-BESIDE = 0.001
-"""The fingers press this far above and below the middle, and one of them as far beside it [m]."""
 
 
 class Run(NamedTuple):
@@ -48,13 +46,13 @@ class Run(NamedTuple):
     object: WorldRecord
 
 
-def pressing(ticks: int, height: float) -> list[HandConfiguration]:
-    """Two fingers along x that come to press a block from both sides, at heights of opposite sign [m]."""
+def pressing(ticks: int) -> list[HandConfiguration]:
+    """Two fingers along x that come to press a block from both sides."""
     found, straight = [], (np.zeros((ticks, 5, 3)), np.zeros((ticks, 5)))
     for side, turn in ((1.0, [1.0, 0.0, 0.0, 0.0]), (-1.0, [0.0, 0.0, 0.0, 1.0])):
         depth = np.linspace(-0.0002, SQUEEZE / SPRING, ticks)
         away = 0.5 * EDGE + TIP + REACH - depth
-        position = np.stack([-side * away, np.full(ticks, -side * ASIDE), np.full(ticks, side * height)], axis=1)
+        position = np.stack([-side * away, np.full(ticks, -side * ASIDE), np.zeros(ticks)], axis=1)
         found.append(HandConfiguration(position, np.tile(turn, (ticks, 1)), *straight))
     return found
 
@@ -62,16 +60,16 @@ def pressing(ticks: int, height: float) -> list[HandConfiguration]:
 class Pressed:
     """A block between two fingers, which weighs nothing until it is loaded."""
 
-    def __init__(self, height: float = 0.0, friction: float = FRICTION) -> None:
-        body = body_of(box([EDGE] * 3), mass=MASS, friction=friction, gravity=(0.0, 0.0, 0.0))
+    def __init__(self) -> None:
+        body = body_of(box([EDGE] * 3), mass=MASS, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
         stiffness = Stiffness(SPRING, 1e4, 1e4)
         options = SolverOptions(surface="mesh", fingers=("index",), stiffness=stiffness)
         surface = contact_surface("mesh", body.mesh, None)
         self.solver = WorldSolver([HandSolver(tongs(), surface, options) for _ in range(2)], body)
         engine: Any = self.solver.engine
         self.bodies = engine.world.bodies
-        self.way = pressing(60, height)
-        self.approach = Run(self.solver.run(*self.way), self.solver.object_ticks)
+        self.way = pressing(60)
+        self.solver.run(*self.way)
 
     def load(self, weight: float, ticks: int) -> Run:
         """Run some ticks with a weight [N]."""
@@ -95,26 +93,6 @@ def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it(
     assert beyond.object.velocity[-1, 2] < -5e-3
     fallen = block.load(1.5 * MOST, 50).object.velocity[:, 2]
     assert (fallen[-1] - fallen[9]) / 0.04 == pytest.approx(-0.5 * MOST / MASS, rel=1e-2)
-
-
-def test_forces_and_motion_agree_at_every_tick() -> None:
-    block = Pressed(BESIDE)
-    runs = [block.load(share * MOST, 40).object for share in (0.3, 0.8, 1.3)]
-    before = block.approach.object
-    for share, ticks in zip((0.3, 0.8, 1.3), runs):
-        velocity = np.concatenate([before.velocity[-1:], ticks.velocity])
-        weight = [0.0, 0.0, -share * MOST]
-        found = MASS * np.diff(velocity, axis=0) / 1e-3
-        np.testing.assert_allclose(found, ticks.hand_wrench[:, :3] + weight, atol=1e-8)
-        inertia = MASS * EDGE**2 / 6.0
-        spin = np.concatenate([before.angular_velocity[-1:], ticks.angular_velocity])
-        np.testing.assert_allclose(inertia * np.diff(spin, axis=0) / 1e-3, ticks.hand_wrench[:, 3:], atol=2e-6)
-        rows = slice(0, ticks.contact[-1])
-        own = np.zeros((len(ticks.turn), 3))
-        tick = np.repeat(np.arange(len(own)), np.diff(ticks.contact))
-        np.add.at(own, tick, -ticks.normal_force[rows, None] * ticks.normal[rows] - ticks.friction_force[rows])
-        np.testing.assert_allclose(own, ticks.hand_wrench[:, :3], atol=1e-9)
-        before = ticks
 
 
 HANDS = HandModel.default("right"), HandModel.default("left")

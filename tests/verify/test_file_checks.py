@@ -1,4 +1,4 @@
-"""What a file says of itself: times of frames; how far a mesh sticks out of spheres; figures that differ."""
+"""What a file says of itself: times, meshes that stick out, figures that differ, and hands that are nowhere."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 import trimesh
-from file_faults import at, forge_scene
+from file_faults import Fault, at, forge_scene
 from live_session import write_session
 from planted_faults import planted
 from short_grasp import short_result
@@ -17,7 +17,9 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.verify.claim import FAILS, HOLDS
 from hhsim.verify.file_checks import file_claims
+from hhsim.verify.kinematics import rotations
 from hhsim.verify.tree_checks import outside_spheres
+from hhsim.verify.verify import verify
 
 BOX = trimesh.creation.box((0.2, 0.2, 0.2))
 
@@ -87,3 +89,31 @@ def test_a_finger_that_is_held_though_a_reason_frees_it_is_a_false_claim(tmp_pat
     for result, fails in ((session, False), (planted(session.path, tmp_path, said), True)):
         (commands,) = (claim for claim in file_claims(result) if claim.name == "commands")
         assert (commands.failed, commands.tick) == (fails, held if fails else None)
+
+
+HOLD = 180
+"""A tick of the hold."""
+
+
+@pytest.mark.parametrize(
+    "plant",
+    [
+        at("no_orientation", "hands/right/tick/graphic/orientation", HOLD, lambda x: 0.0),
+        at("no_number", "hands/right/tick/graphic/orientation", HOLD, lambda x: np.nan),
+        at("no_angle", "hands/right/tick/graphic/flexion", (HOLD, 1, 1), lambda x: np.nan),
+    ],
+    ids=lambda plant: plant.__name__,
+)
+@pytest.mark.quick("no_number")
+def test_a_hand_that_is_nowhere_is_a_false_claim(result: Result, plant: Fault, tmp_path: Path) -> None:
+    found = verify(planted(result.path, tmp_path, plant), every=20)
+    false = {claim.name: claim.tick for claim in found.claims if claim.failed}
+    assert false.get("kinematics") == HOLD
+    assert "second run" in false
+
+
+def test_a_quaternion_whose_length_is_no_number_is_no_rotation() -> None:
+    quaternions = np.array([[0.0] * 4, [1e200, 0, 0, 0], [np.inf, 0, 0, 0], [np.nan] * 4, [1e-300] * 4, [2.0, 0, 0, 0]])
+    found, none = rotations(quaternions)
+    assert none.tolist() == [True] * 5 + [False]
+    assert np.array_equal((found * found.inv()).as_quat(), np.tile([0.0, 0.0, 0.0, 1.0], (6, 1)))
