@@ -75,29 +75,6 @@ def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
     assert np.abs(np.diff(ticks.bodies[1].shift, axis=0)).max() == 0.0
 
 
-def momentum(body: Any, of: Body) -> FloatArray:
-    """Linear and angular momentum about the world's origin at each tick, (T, 6)."""
-    turn, free = rotation_matrix(body.turn), of.solid
-    place = turn @ np.array(free.center) + body.shift
-    spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, body.angular_velocity)
-    return np.concatenate([free.mass * body.velocity, free.mass * np.cross(place, body.velocity) + spin], axis=1)
-
-
-def test_two_free_things_that_meet_keep_their_momentum() -> None:
-    bodies = [
-        block((0.0, 0.0, 0.0), mass=0.1, velocity=(1.0, 0.0, 0.0), **NOTHING),
-        block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
-    ]
-    _, ticks = run(solver_of_three(*bodies, table=None), 200)
-    total = np.sum([momentum(body, of) for body, of in zip(ticks.bodies, bodies)], axis=0)
-    np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
-    # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
-    gained = np.abs(momentum(ticks.bodies[1], bodies[1])[-1, 3:]).max()
-    assert np.abs(total[:, 3:] - total[0, 3:]).max() < 0.02 * gained
-    speed = np.linalg.norm(ticks.bodies[1].velocity, axis=1)
-    assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
-
-
 def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
     """Distance of two boxes along their best separating axis [m], negative where there is none; centre, turn, edges."""
     axes = [*one[1].T, *two[1].T, *(np.cross(a, b) for a in one[1].T for b in two[1].T)]

@@ -1,8 +1,9 @@
-"""The referee's claims of a free object: an honest result passes, and what bounds them is no wider than it must be."""
+"""The referee's claims of free objects and of hands that keep out of themselves: honest runs hold, faults are found."""
 
 import importlib
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +11,26 @@ import h5py
 import numpy as np
 import pytest
 from fault_table import of_contact
-from file_faults import at
+from file_faults import Fault, at
 from free_scenes import free_result
-from planted_faults import planted
+from planted_faults import failing, planted, verdict
+from short_grasp import result_of, short_grasp, short_scene, with_motion
 
 from hhsim.errors import InputError
+from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, quaternion_product
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
+from hhsim.motion.analytic_motion import still
+from hhsim.motion.trajectory import Trajectory
 from hhsim.result.reader import Result, load_result
 from hhsim.verify.claim import HOLDS, Claim
 from hhsim.verify.free_motion import FreeMotion
 from hhsim.verify.free_object_checks import free_claims, free_hand_claims
 from hhsim.verify.kinematics import rotations
 from hhsim.verify.tick_data import JudgedTicks
+from hhsim.verify.verify import verify
 
 TICK = 200
 """A tick of the hold."""
@@ -119,3 +126,67 @@ def test_what_turns_together_stands_off_by_straight_steps(honest: Result, tmp_pa
     with h5py.File(path, "r+") as file:
         file["hands/right/tick/graphic/position"][TICK] += 1.05 * (stands.tolerance - stands.worst) * normal
     assert complementarity(load_result(path)).failed
+
+
+pytestmark = pytest.mark.slow
+LAST = 119
+AWAY = np.array([0.0, 0.5, 0.0])
+"""Place of the hand, far from its object [m]."""
+
+
+def pinch() -> Trajectory:
+    """Thumb and index finger close through each other in the air."""
+    flexion = np.zeros((5, 3))
+    flexion[0], flexion[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
+    motion = still(AWAY).line(still(AWAY, flexion=flexion, abduction=[0.5, 0.0, 0.0, 0.0, 0.0]), LAST - 20).hold(20)
+    return Trajectory(np.arange(motion.ticks) / 1000.0, *motion, name="pinched air", hand="right")
+
+
+@pytest.fixture(scope="module")
+def pinched(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    path = tmp_path_factory.mktemp("honest") / "pinch.h5"
+    in_the_air = with_motion(short_scene(short_grasp()), pinch())
+    return result_of(in_the_air, path, {"hand_file": None}, self_contact=True, surface="mesh")
+
+
+def test_a_pinch_in_the_air_holds_in_every_claim(pinched: Result) -> None:
+    found = verify(pinched)
+    assert failing(found) == set()
+    assert verdict(found, "own parts") == verdict(found, "second run") == HOLDS
+    # The hand bears on itself, and that is what balances its coupling.
+    assert np.linalg.norm(pinched["force/phalanx"][-1], axis=2).max() > 0.1
+    assert pinched.summary["self_depth_haptic"] > 5e-3
+    assert pinched.summary["self_depth_graphic"] == 0.0
+
+
+def bent_finger(file: h5py.File) -> None:
+    """The index finger of the shown hand bent on into the thumb by 1 mrad, joints and all."""
+    flexion = file["hands/right/tick/graphic/flexion"][LAST]
+    flexion[1, 0] += 1e-3
+    file["hands/right/tick/graphic/flexion"][LAST] = flexion
+    shown = HandConfiguration(*(file[f"hands/right/tick/graphic/{name}"][LAST] for name in HandConfiguration._fields))
+    file["hands/right/tick/graphic/joints"][LAST] = HandModel.default().joints(*shown)
+
+
+def pulling_thumb(file: h5py.File) -> None:
+    """The thumb is drawn to the finger that it bears on."""
+    file["hands/right/tick/force/phalanx"][LAST, 0] *= -1.0
+
+
+def shallow_user(file: h5py.File) -> None:
+    file["summary/right"].attrs["self_depth_haptic"] *= 0.999
+
+
+FAULTS: dict[Fault, str] = {bent_finger: "own parts", pulling_thumb: "force balance", shallow_user: "second run"}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+def test_a_planted_fault_is_found(pinched: Result, tmp_path: Path, fault: Fault) -> None:
+    assert FAULTS[fault] in failing(verify(planted(pinched.path, tmp_path, fault)))
+
+
+def test_the_claim_is_of_runs_that_make_it(pinched: Result, tmp_path: Path) -> None:
+    in_the_air = with_motion(short_scene(short_grasp()), replace(pinch(), name="through"))
+    through = result_of(in_the_air, tmp_path / "through.h5", {"hand_file": None}, surface="mesh")
+    assert through.summary["self_depth_graphic"] == through.summary["self_depth_haptic"] > 5e-3
+    assert "own parts" not in {claim.name for claim in verify(through).claims}
