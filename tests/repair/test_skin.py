@@ -22,8 +22,8 @@ from hhsim.mesh.topology import is_closed, signed_volume
 from hhsim.metrics.field.hands import Bodies
 from hhsim.recordings.frames import FileFrame
 from hhsim.repair.projection import HandJudge
-from hhsim.repair.skin import PushedOut, WrittenSkin, mano_skin, moved_skin, push_out
-from hhsim.repair.skin_hull import Palm, hand_with_skin
+from hhsim.repair.skin import PushedOut, WrittenSkin, cone_gaps, mano_skin, moved_skin, push_out
+from hhsim.repair.skin_hull import Palm, ball_cover, hand_with_skin
 from hhsim.repair.written_hand import NUMBERS, bone_frames, changed_hand
 from hhsim.verify.mesh_distance import TrueSurface
 from hhsim.verify.tree_checks import outside_spheres
@@ -45,6 +45,20 @@ def test_a_mano_skin_is_closed_outward_and_around_the_hand() -> None:
         finger, k = divmod(bone - 1, 3)
         middle = skin.vertices[:, skin.bone == bone].mean(axis=1)
         assert np.linalg.norm(middle - joints[:, finger, k : k + 2].mean(axis=1), axis=1).max() < 0.008
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_distances_to_cones_are_those_to_all_their_spheres(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    radius = np.sort(random.uniform(1e-3, 0.02, 4))[::-1]
+    length = random.uniform(0.005, 0.05, 3)
+    along, across = random.uniform(-0.03, 0.08, (40, 3)), random.uniform(0.0, 0.03, (40, 3))
+    _, gap = cone_gaps(along, across, length, radius)
+    share = np.linspace(0.0, 1.0, 4001)[:, None, None]
+    spheres = np.hypot(along - share * length, across) - ((1.0 - share) * radius[:3] + share * radius[1:])
+    least = spheres.min(axis=0)
+    assert (gap <= least + 1e-12).all() and (gap >= least - 2e-5).all()
 
 
 @pytest.mark.parametrize("size", [1.0, 3.0])
@@ -184,6 +198,17 @@ def test_an_object_that_leaves_no_room_is_marked() -> None:
 
 
 PALMS: tuple[Palm, ...] = ("none", "thin", "fitted")
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 64))
+@settings(max_examples=20)
+def test_balls_cover_all_points(seed: int, most: int) -> None:
+    random = np.random.default_rng(seed)
+    points = random.normal(0.0, 0.02, (int(random.integers(1, 150)), 3))
+    normal = random.normal(size=points.shape) * random.integers(0, 2, (len(points), 1))
+    center, radius = ball_cover(points, normal, most)
+    assert 1 <= len(radius) <= most
+    assert (np.linalg.norm(points[:, None] - center, axis=2) - radius).min(axis=1).max() <= 1e-12
 
 
 @pytest.mark.parametrize("palm", PALMS)

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from linkage_samples import joint, link, random_urdf, urdf
+from linkage_samples import joint, link, urdf
 from robot_arms import SHAPES, write_arm
 from scipy.spatial.transform import Rotation
 
@@ -261,22 +261,6 @@ def test_a_fingertip_is_where_the_closed_form_has_it_and_a_mimic_follows(tmp_pat
         turn = turn * Rotation.from_euler("y", angle)
         tip = tip + turn.apply([0.0, 0.0, length])
     np.testing.assert_allclose(link_poses(read_robot(path), values, None)["tip"][1][0], tip, atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_links_are_where_yourdfpy_has_them(tmp_path: Path, seed: int) -> None:
-    yourdfpy = pytest.importorskip("yourdfpy")
-    path = tmp_path / "robot.urdf"
-    path.write_text(random_urdf(seed))
-    robot, other = read_robot(path), yourdfpy.URDF.load(str(path))
-    rng = np.random.default_rng(seed)
-    values = {each.name: rng.uniform(-1.0, 1.0, 1) for each in robot.joints}
-    other.update_cfg({name: value[0] for name, value in values.items() if name in other.actuated_joint_names})
-    for name, (turn, place) in link_poses(robot, values, None).items():
-        if name:
-            expected = other.get_transform(name)
-            np.testing.assert_allclose(turn[0], expected[:3, :3], atol=1e-9)
-            np.testing.assert_allclose(place[0], expected[:3, 3], atol=1e-9)
 
 
 def test_loose_joints_move_as_their_type_lets_them(tmp_path: Path) -> None:

@@ -244,12 +244,6 @@ def test_what_is_no_hand_is_refused_by_name_and_tick(name: str, message: str) ->
         solver_of(name).run(*HAPTIC.part(0, 5))
 
 
-def test_what_it_prints_goes_to_stderr(capfd: pytest.CaptureFixture[str]) -> None:
-    solver_of("Talks").run(*HAPTIC.part(0, 2))
-    shown = capfd.readouterr()
-    assert (shown.out, shown.err.count("printed")) == ("", 3)
-
-
 def test_ctrl_c_is_no_error_of_the_method() -> None:
     with pytest.raises(KeyboardInterrupt):
         solver_of("Interrupts").run(*HAPTIC.part(0, 1))
