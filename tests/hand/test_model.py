@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 import hhsim.hand.model
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
+from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, Side, default_fingers, format_hand_file
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, palm_mesh
 from hhsim.kernels.hand import kinematics
@@ -208,6 +210,21 @@ def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
     np.testing.assert_array_equal(hand.palm_box.min(axis=0), center.min(axis=1))
     np.testing.assert_array_equal(hand.palm_box.max(axis=0), center.max(axis=1))
     assert len(np.unique(hand.palm_box, axis=0)) == 8
+
+
+def test_joints_are_those_of_the_model() -> None:
+    hand, rng = HandModel.default(), np.random.default_rng(0)
+    position = rng.normal(size=(4, 3))
+    orientation = Rotation.random(4, rng=1).as_quat(scalar_first=True)
+    flexion, abduction = rng.uniform(0.0, 1.0, (4, 5, 3)), rng.uniform(-0.1, 0.1, (4, 5))
+    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
+    for t in range(4):
+        expected = hand.joints(position[t], orientation[t], flexion[t], abduction[t])
+        assert np.array_equal(placed.joints[t], expected)
+    assert np.array_equal(placed.points[:, 20], position)
+    assert np.array_equal(placed.points[2, 7], placed.joints[2, 1, 3])
+    assert np.array_equal(placed.ends[1, :5], placed.joints[1, :, 3])
+    assert np.array_equal(placed.ends[1, 5], position[1])
 
 
 def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
