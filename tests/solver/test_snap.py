@@ -5,11 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from file_faults import at
+from hypothesis import given
+from hypothesis import strategies as st
 from planted_faults import failing, planted
 
 from cli.replay import command as replay
 from hhsim.hand.model import HandModel
-from hhsim.kernels.tick.state import STATUS_SNAP
+from hhsim.kernels.tick.force import ease_forces
+from hhsim.kernels.tick.state import STATUS_SNAP, tick_state_dtype
+from hhsim.kernels.tick.step import snap_step
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.replay import replay_scene
@@ -104,3 +108,26 @@ def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
 
 def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
     assert tick_options(SolverOptions(method="progressive"), HAND).snap_step == np.inf
+
+
+@pytest.mark.parametrize(("ticks", "times"), [(0, 1.0), (16, 1.25), (32, 1.8), (96, 1.8), (128, 2.8), (160, 5.8)])
+def test_a_snap_grows_to_less_than_a_jump_and_ends(ticks: int, times: float) -> None:
+    progress = np.zeros(1, tick_state_dtype()).view(np.recarray)[0].progress
+    progress.snapped = ticks
+    assert snap_step(tick_options(SolverOptions(), HAND), progress) == pytest.approx(times * SNAP_STEP)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_each_force_goes_towards_its_own_as_far_as_the_hand_may_go(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    state = np.zeros(1, tick_state_dtype()).view(np.recarray)[0]
+    state.stiffness[:] = 1000.0
+    state.progress.bound = most = random.exponential(1e-3)
+    before, own = random.normal(size=(5, 3, 3)), random.normal(size=(5, 3, 3))
+    state.forces.before[:], state.forces.phalanx[:] = before, own
+    ease_forces(state)
+    # Of each finger.
+    way = np.linalg.norm((own - before).sum(axis=1), axis=1)[:, None, None]
+    share = np.minimum(1.0, 1000.0 * most / way)
+    np.testing.assert_allclose(state.forces.phalanx, before + share * (own - before), atol=1e-12)
+    assert state.progress.snaps == (share < 1.0).any()
