@@ -1,8 +1,9 @@
-"""The loop in compiled code and its deadlines: by the clock of the system, after samples, its driver in a thread."""
+"""The loop in compiled code, its deadlines and clocks: by the system's, after samples, its driver in a thread."""
 
 import os
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_set
 from numpy.typing import NDArray
 from sphere_scenes import UNTIMED
 
+from hhsim.kernels.clock import await_event, monotonic_ns, thread_cpu_ns
 from hhsim.kernels.live.deadlines import (
     AFTER_MEAN,
     EARLIEST,
@@ -221,3 +223,34 @@ def test_samples_come_where_ticks_can_begin_with_them(
     leads = every * 1e-6 * abs(parts_per_million) / WEIGHT
     assert abs(np.median(before) - AFTER_MEAN) <= leads + 0.5 * jitter + 1e-3
     assert 0.0 < np.percentile(before, 2.0) <= np.percentile(before, 98.0) < EARLIEST
+
+
+@pytest.mark.parametrize(
+    ("kernel", "library"), [(monotonic_ns, time.monotonic_ns), (thread_cpu_ns, time.thread_time_ns)]
+)
+def test_readings_fall_between_those_of_the_library(kernel: Callable[[], int], library: Callable[[], int]) -> None:
+    kernel()
+    readings = []
+    for _ in range(100):
+        readings += [library(), kernel()]
+    readings.append(library())
+    assert readings == sorted(readings)
+
+
+def test_an_event_ends_a_sleep_and_is_taken() -> None:
+    event = os.eventfd(0, os.EFD_NONBLOCK)
+    try:
+        hour = time.monotonic_ns() + 3_600 * 10**9
+        os.eventfd_write(event, 1)
+        os.eventfd_write(event, 1)
+        assert await_event(event, hour) == 1
+        until = time.monotonic_ns() + 1_050_000_000  # seconds, and what is left
+        assert await_event(event, until) == 0, "both are taken"
+        assert time.monotonic_ns() >= until
+        threading.Timer(0.05, os.eventfd_write, (event, 1)).start()
+        assert await_event(event, hour) == 1
+        assert await_event(event, time.monotonic_ns() - 10**9) == 0, "it is looked, and not slept"
+        os.eventfd_write(event, 1)
+        assert await_event(event, time.monotonic_ns() - 10**9) == 1
+    finally:
+        os.close(event)
