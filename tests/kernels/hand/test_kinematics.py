@@ -1,4 +1,4 @@
-"""Kinematics against a product of transforms (paper, Eq. 11), finite differences, and the motion bound by sampling."""
+"""Kinematics against products of transforms, and bounds of how far points move, with the hand or past a part."""
 
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
+from hhsim.kernels.parts.surface import part_dtype, passing
 
 HANDS: dict[Side, HandArrays] = {
     "right": HandModel.default("right").arrays(),
@@ -127,3 +128,15 @@ def test_no_point_moves_farther_than_its_bound(seed: int, side: Side, size: floa
         for body in range(BODY_COUNT):
             travelled = np.linalg.norm(now[body] - start[body], axis=1).max()
             assert travelled <= moment * bound[body] * (1.0 + 1e-12) + 1e-15
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_point_passes_a_part_by_what_it_moves_in_its_frame(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    here, there = Rotation.random(2, rng=random)
+    place, goal, point = random.normal(0.0, 0.1, (3, 3))
+    part: Any = np.zeros(1, part_dtype()).view(np.recarray)[0]
+    part.position[:], part.rotation[:] = place, here.as_matrix()
+    way = np.concatenate([goal, there.as_quat(scalar_first=True)])
+    wanted = np.linalg.norm(here.inv().apply(point - place) - there.inv().apply(point - goal))
+    assert abs(passing(part, way, point) - wanted) < 1e-15 + 1e-12 * wanted

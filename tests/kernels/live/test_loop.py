@@ -1,4 +1,4 @@
-"""The loop in compiled code, its deadlines and clocks: by the system's, after samples, its driver in a thread."""
+"""The loop in compiled code, its deadlines, clocks and threads: after samples, by the system's time, all items once."""
 
 import os
 import threading
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,6 +16,7 @@ from live_scripted import FIST, FREE, FakeClock, Moment, ScriptedGlove, make_set
 from numpy.typing import NDArray
 from sphere_scenes import UNTIMED
 
+from hhsim.arrays import IntArray
 from hhsim.kernels.clock import await_event, monotonic_ns, thread_cpu_ns
 from hhsim.kernels.live.deadlines import (
     AFTER_MEAN,
@@ -28,6 +30,17 @@ from hhsim.kernels.live.deadlines import (
     deadline_shift,
     wait_periods,
 )
+from hhsim.kernels.parallel.thread_team import (
+    DISMISSED,
+    NOTHING,
+    WORDS,
+    await_done,
+    dismiss,
+    item_done,
+    post,
+    rest,
+    take_item,
+)
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
 from hhsim.live.drivers.poses import FixedPose
 from hhsim.live.gloves import PoseConfig
@@ -40,7 +53,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.workspace import zeroed
 
 ENOUGH = 300
-"""Ticks with a hand; a machine that lets a thread wait gets the time that it takes."""
+"""The loop in compiled code, its deadlines, clocks and threads: after samples, by the system's time, all items once."""
 CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(61)]
 
 
@@ -254,3 +267,59 @@ def test_an_event_ends_a_sleep_and_is_taken() -> None:
         assert await_event(event, time.monotonic_ns() - 10**9) == 1
     finally:
         os.close(event)
+
+
+MOST = 6
+"""The loop in compiled code, its deadlines, clocks and threads: after samples, by the system's time, all items once."""
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+def work_until_dismissed(word: IntArray, taken: IntArray, mine: IntArray) -> None:
+    looks, item = 0, 0
+    while item != DISMISSED:
+        item = take_item(word)
+        if item >= 0:
+            looks = 0
+            taken[item] += 1
+            mine[0] += 1
+            item_done(word)
+        else:
+            rest(looks)
+            looks += 1
+
+
+@numba.njit(nogil=True)  # type: ignore[untyped-decorator]
+def lead(word: IntArray, taken: IntArray, tasks: int) -> int:
+    wrong = 0
+    for number in range(tasks):
+        items = 1 + number % MOST
+        taken[:] = 0
+        post(word, items)
+        # Every now and then the helpers must do all of it: on a busy machine they might else never get to anything.
+        while number % 200 != 0:
+            item = take_item(word)
+            if item == NOTHING:
+                break
+            taken[item] += 1
+            item_done(word)
+        await_done(word, items)
+        for i in range(MOST):
+            wrong += taken[i] != (1 if i < items else 0)
+    dismiss(word)
+    return wrong
+
+
+@pytest.mark.parametrize("helpers", [1, 2, 3])
+def test_every_item_of_every_task_is_done_once(helpers: int) -> None:
+    word, taken = np.zeros(WORDS, np.int64), np.zeros(MOST, np.int64)
+    mine = np.zeros((helpers, 16), np.int64)
+    assert lead(word, taken, 0) == 0
+    work_until_dismissed(word, taken, mine[0])
+    post(word, 0)
+    threads = [threading.Thread(target=work_until_dismissed, args=(word, taken, own)) for own in mine]
+    for thread in threads:
+        thread.start()
+    assert lead(word, taken, 20_000) == 0
+    for thread in threads:
+        thread.join()
+    assert mine.sum() >= sum(1 + number % MOST for number in range(0, 20_000, 200))
