@@ -61,20 +61,6 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
     np.testing.assert_allclose(program.found, wanted, atol=1e-6 * np.abs(program.target).max())
 
 
-@pytest.mark.parametrize("mu", [0.3, 0.6])
-def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
-    tilt, gap = np.radians(30.0), 2e-6
-    up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    slope = block((0, 0, 0), (1.0, 0.2, 0.01), tilt, friction=mu, moves=Fixed())
-    solver = solver_of_three(block((0.025 + gap) * up, tilt=tilt, friction=mu), slope, table=None)
-    _, ticks = run(solver, 300)
-    way = np.linalg.norm(ticks.bodies[0].shift[-1] - ticks.bodies[0].shift[0])
-    # Implicit Euler: n (n + 1) / 2 steps of a Δt², less the first tick's.
-    falls = max(0.0, G * (np.sin(tilt) - mu * np.cos(tilt)))
-    assert way == pytest.approx(falls * DT**2 * (300 * 301 / 2 - 1), rel=1e-4, abs=2e-6)
-    assert np.abs(np.diff(ticks.bodies[1].shift, axis=0)).max() == 0.0
-
-
 def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
     """Distance of two boxes along their best separating axis [m], negative where there is none; centre, turn, edges."""
     axes = [*one[1].T, *two[1].T, *(np.cross(a, b) for a in one[1].T for b in two[1].T)]
