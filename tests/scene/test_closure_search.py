@@ -75,9 +75,6 @@ def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name:
     assert 0.005 < share < 0.75
 
 
-RIGHT = HandModel.default("right")
-
-
 @pytest.fixture(autouse=True, scope="module")
 def empty_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """A cache without the closures that other runs have found."""
@@ -122,7 +119,7 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
     direction = rng.normal(size=3)
     position = distance * direction / np.linalg.norm(direction)
     rotation = np.ascontiguousarray(Rotation.random(rng=rng).as_matrix())
-    flexion = RIGHT.flexion_min + rng.uniform(size=(5, 3)) * (RIGHT.flexion_max - RIGHT.flexion_min)
+    flexion = HAND.flexion_min + rng.uniform(size=(5, 3)) * (HAND.flexion_max - HAND.flexion_min)
     return position, rotation, flexion, rng.uniform(-0.2, 0.2, size=5)
 
 
@@ -131,7 +128,7 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
 def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
     tree = cluster(seed)
     pose = random_pose(np.random.default_rng(seed), distance)
-    np.testing.assert_allclose(near(RIGHT, tree, *pose), brute_distances(RIGHT, tree, *pose), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(near(HAND, tree, *pose), brute_distances(HAND, tree, *pose), rtol=0.0, atol=1e-12)
 
 
 @settings(max_examples=15)
@@ -143,10 +140,10 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     posture = rotation, flexion, abduction
     direction = -position / np.linalg.norm(position)
     gap = rng.uniform(0.0, 0.01, size=16)
-    work = make_work(RIGHT.arrays(), tree.arrays())
+    work = make_work(HAND.arrays(), tree.arrays())
     travel, body = kernel.advance_hand(position, *posture, direction, gap, 1.0, work)
     for share in np.linspace(0.0, 1.0, 200):
-        left = near(RIGHT, tree, position + share * travel * direction, *posture) - gap
+        left = near(HAND, tree, position + share * travel * direction, *posture) - gap
         assert (left >= -1e-12).all()
     if body >= 0:
         assert int(np.argmin(left)) == body
@@ -168,17 +165,17 @@ def close(
 @given(st.integers(0, 2**32 - 1), st.integers(0, 4))
 def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: int) -> None:
     rng = np.random.default_rng(seed)
-    hand = RIGHT.arrays()
+    hand = HAND.arrays()
     # A heap below the fingers, wherever it happens to be; starts that touch already are of no interest.
     tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
     rate = closure_rates(rng.uniform(0.2, 1.5))[finger]
     own = slice(3 * finger, 3 * finger + 3)
-    if near(RIGHT, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
+    if near(HAND, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
         return
     flexion, touching = close(hand, tree, finger, np.zeros(3), np.eye(3), rate)
     others = np.delete(flexion, finger, axis=0)
     assert (others == 0.0).all()
-    reached = near(RIGHT, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
+    reached = near(HAND, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
     assert (reached > 0.0).all()
     assert (reached[touching == 1.0] <= kernel.CONTACT).all()
     # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
@@ -190,18 +187,18 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
     tree = box()
-    closure = plan_finger_closure(script, RIGHT, tree)
+    closure = plan_finger_closure(script, HAND, tree)
     assert closure.reached == () and closure.missed == ()
     stages = [closure.open + share * (closure.command - closure.open) for share in np.linspace(0.0, 1.0, 101)]
-    gaps = [near(RIGHT, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
+    gaps = [near(HAND, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
     assert 0.05 <= min(gaps) < 0.08
 
 
 def test_the_plan_moves_with_the_object() -> None:
     script = load_script("grasp")
     shift = np.array([0.5, -0.25, 1.0])
-    here = plan_finger_closure(script, RIGHT, cluster(4))
-    there = plan_finger_closure(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
+    here = plan_finger_closure(script, HAND, cluster(4))
+    there = plan_finger_closure(script, HAND, cluster(4).transformed(np.eye(3), shift))
     np.testing.assert_allclose(there.position, here.position + shift, atol=1e-6)
     np.testing.assert_allclose(there.command, here.command, atol=1e-5)
 
@@ -210,7 +207,7 @@ def test_what_no_finger_can_reach_is_refused() -> None:
     phases = ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))
     straight = Script(name="stiff", phases=phases, palm_gap=0.3)
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
-        plan_finger_closure(straight, RIGHT, ball(0.01))
+        plan_finger_closure(straight, HAND, ball(0.01))
 
 
 DUE = "not what ships: raise SEARCH_VERSION if the search changed, and run `python -m tools.build_closures`"

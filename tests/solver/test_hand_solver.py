@@ -150,16 +150,13 @@ def test_frozen_input_comes_to_rest() -> None:
             assert (np.abs(np.diff(size))[20:] / size[-1] < 1e-6).all()
 
 
-HAND = HandModel.default()
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.soak)])
 def test_forces_never_exceed_what_the_coupling_can_pull(method: str, seed: int) -> None:
     tree = bumpy_ball(1200)
     options = SolverOptions(method=method)
-    motion = random_targets(HAND, 2400, seed)
-    record = HandSolver(HAND, tree.arrays(), options).run(*motion)
+    motion = random_targets(RIGHT, 2400, seed)
+    record = HandSolver(RIGHT, tree.arrays(), options).run(*motion)
     assert (record.status & STATUS_LAG > 0).any(), "the scene hardly provokes"
     # Each joint's torque acts on contacts that are at least a sixth of a phalanx away from it, or on several at once.
     palm = np.linalg.norm(record.palm_wrench[:, :3], axis=1) + np.linalg.norm(record.palm_wrench[:, 3:], axis=1) / 0.02
@@ -170,9 +167,9 @@ def test_forces_never_exceed_what_the_coupling_can_pull(method: str, seed: int) 
 @pytest.mark.parametrize("method", METHODS)
 def test_lag_is_no_farther_than_the_users_hand(method: str) -> None:
     tree = bumpy_ball(300)
-    motion = random_targets(HAND, 1200, 4)
-    record = HandSolver(HAND, tree.arrays(), SolverOptions(method=method)).run(*motion)
-    haptic = np.array([HAND.joints(*motion.at(t)) for t in range(1200)])
+    motion = random_targets(RIGHT, 1200, 4)
+    record = HandSolver(RIGHT, tree.arrays(), SolverOptions(method=method)).run(*motion)
+    haptic = np.array([RIGHT.joints(*motion.at(t)) for t in range(1200)])
     far = np.linalg.norm(haptic - record.joints, axis=3).max(axis=(1, 2))
     lagging = record.status & (STATUS_LAG | STATUS_STUCK) > 0
     assert lagging.any()
@@ -189,11 +186,11 @@ def test_a_hand_waits_for_its_first_sound_sample_where_that_is(value: float) -> 
     tree = bumpy_ball(300)
     motion = still(np.array([0.0, 0.0, 0.3]), ticks=6)
     motion[0][:2] = value
-    record = HandSolver(HAND, tree.arrays(), SolverOptions()).run(*motion)
+    record = HandSolver(RIGHT, tree.arrays(), SolverOptions()).run(*motion)
     assert (record.status[:2] & STATUS_INPUT_INVALID > 0).all()
     assert not (record.status & STATUS_START_INSIDE).any()
     np.testing.assert_allclose(record.position, np.tile([0.0, 0.0, 0.3], (6, 1)), atol=1e-12)
-    assert record_clearance(HAND, tree, record).min() > 0.0
+    assert record_clearance(RIGHT, tree, record).min() > 0.0
 
 
 @pytest.mark.parametrize(
@@ -211,9 +208,9 @@ def test_any_budget_gets_there_in_the_end(method: str, limits: dict[str, int]) -
     # Small budgets end a tick in the middle of what it tries; begun anew as it began, the next would end there too.
     tree = bumpy_ball(300)
     hold = 2000
-    motion = random_targets(HAND, 4 * hold, 4, hold=hold)
-    record = HandSolver(HAND, tree.arrays(), SolverOptions(method=method, **limits)).run(*motion)  # type: ignore[arg-type]
-    assert record_clearance(HAND, tree, record).min() >= 0.0
+    motion = random_targets(RIGHT, 4 * hold, 4, hold=hold)
+    record = HandSolver(RIGHT, tree.arrays(), SolverOptions(method=method, **limits)).run(*motion)  # type: ignore[arg-type]
+    assert record_clearance(RIGHT, tree, record).min() >= 0.0
     # Each target is held for longer than the way to it takes.
     arrived = record.status & (STATUS_STUCK | STATUS_LAG) == 0
     nowhere = np.concatenate([[False], (np.diff(record.joints, axis=0) == 0.0).all(axis=(1, 2, 3))]) & ~arrived
@@ -366,18 +363,18 @@ def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path)
 
 
 def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
-    assert tick_options(SolverOptions().at_rate(200.0), HAND).snap_step == pytest.approx(5.0 * SNAP_STEP)
+    assert tick_options(SolverOptions().at_rate(200.0), RIGHT).snap_step == pytest.approx(5.0 * SNAP_STEP)
 
 
 def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
-    assert tick_options(SolverOptions(method="progressive"), HAND).snap_step == np.inf
+    assert tick_options(SolverOptions(method="progressive"), RIGHT).snap_step == np.inf
 
 
 @pytest.mark.parametrize(("ticks", "times"), [(0, 1.0), (16, 1.25), (32, 1.8), (96, 1.8), (128, 2.8), (160, 5.8)])
 def test_a_snap_grows_to_less_than_a_jump_and_ends(ticks: int, times: float) -> None:
     progress = np.zeros(1, tick_state_dtype()).view(np.recarray)[0].progress
     progress.snapped = ticks
-    assert snap_step(tick_options(SolverOptions(), HAND), progress) == pytest.approx(times * SNAP_STEP)
+    assert snap_step(tick_options(SolverOptions(), RIGHT), progress) == pytest.approx(times * SNAP_STEP)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -156,7 +156,6 @@ def nearest_on_hand(
     return normal, middle - radius * normal
 
 
-HAND = HandModel.default("right")
 TREE = bumpy_ball(600)
 TICKS = 480
 
@@ -167,7 +166,7 @@ def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
     Without a budget, so that the programs are the same whatever work is said to cost, and without bound.
     """
     options = SolverOptions(method=method, budget=UNLIMITED, snap_speed=UNBOUNDED)
-    solver = HandSolver(HAND, TREE.arrays(), options)
+    solver = HandSolver(RIGHT, TREE.arrays(), options)
     ticks = len(motion.position)
     for first in range(0, ticks, every):
         solver.run(*motion.part(first, first + every))
@@ -194,7 +193,7 @@ def optimum(problem: QpProblem, multiplier: FloatArray) -> FloatArray:
 @pytest.mark.parametrize(("backend", "exact"), [("quadprog", 1e-9), ("clarabel", 1e-7)])
 def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed: int) -> None:
     programs, loaded = 0, 0
-    for solver in harvest("coupled", random_targets(HAND, TICKS, seed), 7):
+    for solver in harvest("coupled", random_targets(RIGHT, TICKS, seed), 7):
         assert solve_prepared(solver) == OPTIMAL
         problem, rows = dense_problem(engine_of(solver).method)
         multiplier = multipliers(solver, rows)
@@ -218,7 +217,7 @@ def joined(state: Any) -> list[int]:
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
     solved, yielded = 0, 0
-    for solver in harvest("progressive", random_targets(HAND, TICKS, seed, sweep=True), 5):
+    for solver in harvest("progressive", random_targets(RIGHT, TICKS, seed, sweep=True), 5):
         state = solver.workspace.states[0]
         problem, _ = dense_problem(engine_of(solver).method)
         if solve_prepared(solver) != OPTIMAL:
