@@ -66,13 +66,6 @@ def to_segment(x: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(x - p - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1))
 
 
-def to_line(x: FloatArray, p: FloatArray, q: FloatArray) -> FloatArray:
-    """The same to the lines through p and q."""
-    unit = (q - p) / np.linalg.norm(q - p, axis=-1)[..., None]
-    off = x - p
-    return np.asarray(np.linalg.norm(off - (off * unit).sum(axis=-1)[..., None] * unit, axis=-1))
-
-
 def from_triangles(corners: FloatArray) -> Callable[[FloatArray], FloatArray]:
     """What gives distances [m] of points to triangles, shape (..., 3, 3)."""
     a, b, c = corners[..., 0, :], corners[..., 1, :], corners[..., 2, :]
@@ -92,11 +85,6 @@ def from_triangles(corners: FloatArray) -> Callable[[FloatArray], FloatArray]:
         return np.where(inside, above, np.minimum(np.minimum(beside[0], beside[1]), beside[2]))
 
     return distance
-
-
-def to_triangle(x: FloatArray, corners: FloatArray) -> FloatArray:
-    """Distances [m] of points x, shape (..., 3), to triangles, shape (..., 3, 3)."""
-    return from_triangles(corners)(x)
 
 
 def along_axes(cones: Cones, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:

@@ -23,11 +23,11 @@ from hhsim.trees.file import load_tree
 
 RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
-    "feed_dex_retargeting.py": "repair/test_dex_retargeting_example.py",
+    "feed_dex_retargeting.py": "repair/test_follow.py",
     "gate.sh": "gate/test_run.py",
     "gate-github-actions.yml": "gate/test_run.py",
     "laptop.urdf": "linkage/test_urdf.py",
-    "project_out.py": "replay/test_conformance.py",
+    "project_out.py": "replay/test_outside_replay.py",
     "sweep.toml": "sweep/test_plan.py",
     "udp_bridge.py": "live/drivers/test_udp.py",
     "openxr_bridge.py": "live/drivers/test_openxr.py",

@@ -1,22 +1,30 @@
-"""Contact points with their bodies and normals: by brute force over every pair of a body and a leaf or a triangle."""
+"""Contacts by brute force over every pair, and the hand against the true mesh: trimesh, and a ball in closed form."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from short_grasp import short_grasp, short_scene
 from sphere_scenes import bumpy_ball, palm_centers
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.surface import ContactPoints
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.brute_force_distance import round_cone_distance
-from hhsim.metrics.mesh_penetration import find_contact_points
+from hhsim.metrics.mesh_penetration import contact_error, find_contact_points
+from hhsim.metrics.run_ticks import PLACED, result_ticks
+from hhsim.replay.replay import replay_scene
+from hhsim.result.reader import Result, load_result
+from hhsim.solver.options import TOUCH, SolverOptions
 from hhsim.trees.sphere_tree import SphereTree
 
-TOUCH = 1e-3
+NEAR = 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +49,7 @@ def placed(hand: HandModel) -> PlacedHand:
 
 @pytest.fixture(scope="module")
 def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoints:
-    return find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH)
+    return find_contact_points(tree.arrays(), hand_shape(hand), placed, NEAR)
 
 
 def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -71,7 +79,7 @@ def test_the_points_are_those_of_every_touching_pair(
         for one in range(part.max() + 1):
             mine = np.flatnonzero(part == one)
             best = mine[gap[mine].argmin(axis=0)]
-            leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= TOUCH)
+            leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= NEAR)
             best = best[leaf]
             along = (tree.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
             expected.append(center[best] + radius[best, None] * along)
@@ -85,7 +93,7 @@ def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandMod
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.04)
     vertices, faces = np.array(ball.vertices, np.float64), np.array(ball.faces, np.int64)
     mesh, _ = mesh_features(vertices, faces, closed=True)
-    found = find_contact_points(mesh, hand_shape(hand), placed, TOUCH)
+    found = find_contact_points(mesh, hand_shape(hand), placed, NEAR)
     closest: Any = trimesh.triangles.closest_point
     seen = 0
     for tick in (7,):
@@ -100,7 +108,7 @@ def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandMod
             for one in np.unique(part[near]):
                 mine = np.flatnonzero(part[near] == one)
                 best = mine[gap[mine].argmin()]
-                if gap[best] > TOUCH:
+                if gap[best] > NEAR:
                     continue
                 ball_of = near[best]
                 normal = (center[ball_of] - point[best]) / away[best]
@@ -129,19 +137,79 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
             ends = joints[f, k], joints[f, k + 1]
             on_hand = abs(round_cone_distance(point[None], *ends, *hand.radius[f, k : k + 2])[0])
         assert on_hand < 1e-12
-        # Against the normal from the point lies the leaf's surface, `TOUCH` away at most, and the leaf's centre.
+        # Against the normal from the point lies the leaf's surface, `NEAR` away at most, and the leaf's centre.
         away = point - tree.leaf_center
         along = away @ normal
         straight = np.linalg.norm(away - along[:, None] * normal, axis=1) < 1e-9
-        assert (straight & (along - tree.leaf_radius <= TOUCH)).any()
+        assert (straight & (along - tree.leaf_radius <= NEAR)).any()
 
 
 def test_fingers_and_ticks_can_be_left_out(
     hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
 ) -> None:
     middle = [False, False, True, False, False]
-    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, TOUCH, chosen=[3, 9], fingers=middle)
+    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, NEAR, chosen=[3, 9], fingers=middle)
     kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
     assert kept.sum() > 5
     for ours, theirs in zip(some, found):
         np.testing.assert_array_equal(ours, theirs[kept])
+
+
+def test_contact_error_is_the_distance_from_the_mesh() -> None:
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    bvh = build_mesh_bvh(np.array(box.vertices, np.float64), np.array(box.faces, np.int64))
+    found = contact_error(bvh, np.array([[0.0, 0.0, 0.051], [0.0, 0.01, 0.048], [0.05, 0.05, 0.05]]))
+    assert found == pytest.approx([1e-3, 2e-3, 0.0], abs=1e-12)
+    assert contact_error(bvh, np.zeros((0, 3))).shape == (0,)
+
+
+@pytest.fixture(scope="module")
+def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """A grasp of a coarse tree."""
+    path = tmp_path_factory.mktemp("grasp") / "grasp.h5"
+    summary = replay_scene(short_scene(short_grasp(), "cylinder", 2, "right"), SolverOptions(), path)
+    assert any("off the mesh: 64 spheres (level 2)" in note and "--level 3" in note for note in summary.notes)
+    return load_result(path)
+
+
+def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
+    run = result_ticks(grasp)
+    touched = run.touched
+    assert touched is not None
+    placed = PlacedHand(*(grasp[name] for name in PLACED))
+    contacts = find_contact_points(touched.surface, touched.shape, placed, touched.touch)
+    points = [contacts.point[contacts.tick == tick] for tick in range(grasp.ticks)]
+    surface = trimesh.Trimesh(touched.mesh.vertices, touched.mesh.faces, process=False)
+    closest: Any = trimesh.proximity.closest_point
+    expected = np.full(grasp.ticks, np.nan)
+    for tick in np.flatnonzero([len(found) > 0 for found in points])[::7]:
+        expected[tick] = closest(surface, points[tick])[1].max()
+    looked = np.isfinite(expected)
+    assert looked.sum() > 10
+    np.testing.assert_allclose(run.contact_error[looked], expected[looked], atol=1e-9)
+    assert grasp.summary["contact_error_max"] == np.nanmax(run.contact_error) > 1e-3
+    assert (np.isfinite(run.contact_error) == [len(found) > 0 for found in points]).all()
+
+
+def test_what_touches_the_spheres_is_no_farther_from_the_mesh_than_the_bound(grasp: Result) -> None:
+    bound = short_scene(short_grasp(), "cylinder", 2, "right").solids[0].placed_tree.errors[-1].bound
+    assert 0.5 * bound < grasp.summary["contact_error_max"] <= bound + TOUCH
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_a_round_cone_is_the_union_of_the_spheres_on_its_axis(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    a, b = random.normal(0.0, 0.02, (2, 3))
+    length = float(np.linalg.norm(b - a))
+    radius_a = random.uniform(0.005, 0.02)
+    radius_b = radius_a - random.uniform(0.0, 0.95) * min(length, radius_a)
+    points = random.normal(0.0, 0.04, (30, 3))
+    s = np.linspace(0.0, 1.0, 20_001)
+    axis, radius = a + s[:, None] * (b - a), radius_a + s * (radius_b - radius_a)
+    sampled = np.array([(np.linalg.norm(axis - point, axis=1) - radius).min() for point in points])
+    exact = round_cone_distance(points, a, b, radius_a, radius_b)
+    outside = sampled > 0.0
+    assert (exact[outside] <= sampled[outside] + 1e-15).all()
+    np.testing.assert_allclose(exact[outside], sampled[outside], atol=2.0 * length / 20_000)
+    assert (exact[~outside] <= 1e-15).all()

@@ -13,11 +13,9 @@ from hhsim.hand.model import HandModel
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.motion.trajectory import ObjectMotion, Phase
 from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions
-from hhsim.recordings.content import ReadOptions
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, turn
-from hhsim.recordings.unit_detection import in_our_units
 
 CLEAN = smooth_recording()
 HAND = HandModel.default()
@@ -236,27 +234,6 @@ def test_positions_in_millimetres_and_angles_in_degrees() -> None:
     assert np.allclose(cleaned(DEGREES).trajectory.flexion, PLAIN.flexion)
     stated = cleaned(changed(position=50.0 * CLEAN.position), length_unit="cm")
     assert np.allclose(stated.trajectory.position, 0.5 * CLEAN.position)
-
-
-@pytest.mark.parametrize(
-    ("origin", "scale", "units"),
-    [
-        ([3200.0, -1800.0, 50.0], 1.0, {}),
-        ([150.0, 20.0, 1.0], 1.0, {}),
-        ([3200.0, -1800.0, 50.0], 1.0, {"length_unit": "m"}),
-        ([6.0, 6.0, 1.0], 1.0, {"length_unit": "m"}),
-        ([6e4, 6e4, 0.0], 1e3, {"length_unit": "mm"}),
-    ],
-)
-def test_metres_far_from_the_origin_stay_metres(origin: list[float], scale: float, units: dict[str, Any]) -> None:
-    small = 0.3 * CLEAN.position
-    far = scale * small + origin
-    found = in_our_units(
-        changed(position=far, object_motion=ObjectMotion(far + 0.1 * scale, IDENTITY)), ReadOptions(**units)
-    )
-    assert found.object_motion is not None and not found.flags.any()
-    np.testing.assert_allclose(found.position, far / scale)
-    np.testing.assert_allclose(found.object_motion.position - found.position, 0.1, atol=1e-11)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A thousand damaged recordings: none crashes, and none passes silently, changed by more than can be told.
+"""Every format: its tiny file as the golden one has it, and a thousand damaged ones, none of which passes silently.
 
 Told is, at each sample, `NOTICEABLE` of a fingertip, or `SUSPECT_RATIO` times what the motion around bends.
 """
@@ -14,28 +14,30 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from bvh_document import RIGS, bvh_text
-from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
+from joint_samples import Y_UP, array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
 from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, imported, laid_out
 from recording_damage import DAMAGES, Damage, damaged_bytes, damaged_container
 from recording_samples import cleaned, read_as, smooth_recording
 from sampled import sampled
 
 from hhsim.arrays import AnyArray, FloatArray
 from hhsim.errors import HhsimError
+from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.cleaning import SUSPECT_RATIO, WINDOW, CleanedRecording, bend, clean_recording
+from hhsim.recordings.formats import FORMATS
 from hhsim.recordings.formats.hhsim import recording_of
 from hhsim.recordings.recording import FINGER_ARM, MOTION, PALM_ARM, Recording, turn
 from hhsim.recordings.registry import ReadOptions, read_recording
 
 pytestmark = pytest.mark.slow
-
 REAL = ("leap_grab", "leap_wave", "leap_confidence-demo-eighth-res", "dapg_door_03", "mediapipe")
 NOTICEABLE = 0.012
 """A change below this [m of a fingertip] may be the hand: half as much again as a single sample may stick out."""
@@ -224,3 +226,70 @@ def test_no_bit_of_a_number_changes_in_silence(form: str, runs: int) -> None:
             told = found != said or (after.checksums == "missing" and not proved)
             assert numbers_of(after) == expected or told, f"run {run}"
         assert time.process_time() - start < 20.0, f"run {run}"
+
+
+def test_every_format_has_a_case() -> None:
+    assert {name.partition(",")[0] for name in CASES} == set(FORMATS.names())
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_import_gives_what_it_gave(name: str, tmp_path: Path) -> None:
+    found = imported(CASES[name], tmp_path)
+    with np.load(GOLDEN) as held:
+        golden = {key.removeprefix(f"{name}/"): held[key] for key in held.files if key.startswith(f"{name}/")}
+    assert set(found) == set(golden)
+    assert str(found.pop("said")) == str(golden.pop("said"))
+    for key, values in golden.items():
+        np.testing.assert_allclose(found[key], values, rtol=0.0, atol=1e-12, err_msg=key)
+
+
+OTHERS = (
+    "aria",
+    "csv, Euler",
+    "csv, mapped",
+    "csv, own and",
+    "dexmo",
+    "keypoints, no scale",
+    "leap",
+    "lerobot, mapped",
+    "mano, coefficients",
+    "npz, degrees",
+)
+"""Files of something else than the whole of our sample."""
+ROUNDED = {"bvh": 1e-3, "mcap": 4e-5}
+"""Errors of flexions by numbers of few digits [rad]: an MCAP rounds centres to 2⁻²⁵ of half a metre."""
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if not name.startswith(OTHERS)])
+def test_our_own_hand_comes_back(name: str, tmp_path: Path) -> None:
+    recording = read_recording(*laid_out(CASES[name], tmp_path))
+    side = "left" if recording.hand == "left" else "right"
+    motion, form = joint_sample(side, count=COUNT, bend=CASES[name].bend).motion, name.partition(",")[0]
+    assert recording.form == form or form == "csv"
+    atol = ROUNDED.get(form, 1e-6)
+    for key in ("flexion", "abduction"):
+        assert np.nanmax(np.abs(getattr(recording, key) - getattr(motion, key))) < atol, key
+    if form == "keypoints" and recording.object_motion is not None and "mirror" not in name:
+        np.testing.assert_allclose(recording.object_motion.position, PLACE @ Y_UP, atol=1e-9)
+        np.testing.assert_allclose(
+            rotation_matrix(recording.object_motion.orientation), Y_UP.T @ TURN.as_matrix(), atol=1e-9
+        )
+    if recording.joints is not None and CASES[name].options.get("world_up", "y") == "y":
+        assert np.nanmax(np.abs(recording.position - motion.position)) < max(1e-9, atol * (form in ROUNDED))
+
+
+def test_every_packing_of_leap_is_the_same(tmp_path: Path) -> None:
+    whole, path = document(count=12), tmp_path / "take.json"
+    path.write_text(json.dumps(whole))
+    plain = read_recording(path)
+    for text in (
+        json.dumps(packed(whole)),
+        json.dumps(whole["frames"]),
+        "\n".join(json.dumps(frame) for frame in [{"version": 6}, *whole["frames"]]),
+        LZString.compressToBase64(json.dumps(packed(whole))),
+        json.dumps(whole).replace("btipPosition", "tipPosition"),
+    ):
+        path.write_text(text)
+        other = read_recording(path)
+        assert (other.form, other.name) == ("leap", "take")
+        assert other.flexion.tobytes() == plain.flexion.tobytes() and other.time.tobytes() == plain.time.tobytes()

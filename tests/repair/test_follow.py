@@ -1,22 +1,29 @@
-"""Repair of frames as they come, against the repair of the whole recording by the same hand."""
+"""Repair of frames as they come and in memory, against the file of the whole recording; the example that feeds it."""
 
+import importlib
 import io
 import json
+import pydoc
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Run
 from repair_scenes import HAND, scene_case
 
-from hhsim.errors import InputError
+import hhsim
+from hhsim.errors import HhsimError, InputError
 from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.mesh.catalogue import load_object
+from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.follow import FollowedFrame, Follower, GivenFrame, followed_lines
-from hhsim.repair.in_memory import repair
+from hhsim.repair.in_memory import RepairedMotion, repair
 from hhsim.repair.recorded_scene import model_joints
-from hhsim.repair.repair import bodies_of
+from hhsim.repair.repair import bodies_of, repair_recording
 from hhsim.repair.request import RepairRequest
 
 RATE, LIMIT, LATENCY = 30.0, 0.03, 8
@@ -126,3 +133,133 @@ def test_a_line_that_is_no_frame_is_told(line: str, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
         list(followed_lines([line], Follower(BODIES)))
     assert "\n" not in str(caught.value)
+
+
+WAY = np.linspace(0.0, 0.2, 12)[:, None] * [1.0, 0.5, 0.2]
+GRASP = model_joints(HAND, scene_case("sphere", "grasp", 100, 3, 15).frames) + WAY[:, None]
+
+
+@pytest.fixture(scope="module")
+def found() -> RepairedMotion:
+    return hhsim.repair(GRASP, "sphere", rate=RATE, hand="right", object_position=WAY, max_correction=LIMIT)
+
+
+def test_arrays_are_repaired_as_the_file_that_holds_them(found: RepairedMotion, tmp_path: Path) -> None:
+    path, out = tmp_path / "grasp.npz", tmp_path / "free.npz"
+    upright = np.tile([1.0, 0.0, 0.0, 0.0], (len(GRASP), 1))
+    np.savez(path, keypoints=GRASP, object_pos=WAY, object_quat_wxyz=upright, fps=RATE)
+    read = ReadOptions(hand="right", length_unit="m")
+    repair_recording(RepairRequest(path, "sphere", out, max_correction=LIMIT, read=read, pictures=False))
+    np.testing.assert_allclose(found.joints, np.load(out)["keypoints"], atol=1e-12)
+    of_file = repair(path, load_object("sphere").mesh, hand="right", max_correction=LIMIT, length_unit="m")
+    np.testing.assert_array_equal(of_file.joints, found.joints)
+    assert not (tmp_path / "free-report.html").exists()
+    assert found.depth_before.max() > 5e-3 and not found.depth_after.any() and not found.marked.any()
+    np.testing.assert_array_equal(found.joints[~found.changed], GRASP[~found.changed])
+    assert 0 < found.changed.sum() < len(GRASP)
+
+
+def test_a_sample_without_a_hand_stays_so() -> None:
+    holed = GRASP.copy()
+    holed[2] = np.nan
+    found = repair(holed, "sphere", rate=RATE, hand="right", object_position=WAY, max_correction=LIMIT)
+    assert np.isnan(found.joints[2]).all() and np.isnan(found.depth_after[2]) and not found.changed[2]
+    assert np.nanmax(found.depth_after) == 0.0
+
+
+@pytest.mark.soak
+def test_as_a_data_set_it_has_the_same_values(found: RepairedMotion, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed"):
+        found.to_xarray()
+    monkeypatch.undo()
+    pytest.importorskip("xarray")
+    made = found.to_xarray()
+    assert made.sizes == {"time": 12, "joint": 21, "axis": 3}
+    np.testing.assert_array_equal(made["joints"].sel(joint="index_tip"), found.joints[:, 8])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"rate": None}, "no stamps of the samples"),
+        ({"object_position": WAY[:5]}, "object_pos"),
+        ({"joints": GRASP[:, :20]}, r"no array of shape .T, 21, 3."),
+        ({"joints": "none.npz", "object_position": None}, "no such file"),
+        ({"joints": "grasp.npz"}, "expected them with joints alone"),
+    ],
+)
+def test_what_does_not_fit_is_told_in_one_line(given: dict[str, object], said: str) -> None:
+    words = {"joints": GRASP, "rate": RATE, "object_position": WAY, **given}
+    with pytest.raises(HhsimError, match=said) as caught:
+        repair(words.pop("joints"), "sphere", hand="right", **words)
+    assert "\n" not in str(caught.value)
+
+
+def test_help_of_the_package_is_that_of_its_function() -> None:
+    text = pydoc.plain(pydoc.render_doc(hhsim.repair))
+    assert "object_position: Where the object's frame is" in text and "max_correction=0.015" in text
+
+
+EXAMPLE = "feed_dex_retargeting.py"
+ROBOT_JOINTS = model_joints(HAND, scene_case("sphere", "grasp", 100, 3, 13).frames)
+# A tip on three sliders: its vector from the base is that of the person's index finger.
+ROBOT = "".join(
+    f'<link name="{child}"/><joint name="{axis}" type="prismatic"><parent link="{parent}"/><child link="{child}"/>'
+    f'<axis xyz="{xyz}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    for axis, parent, child, xyz in (
+        *(("x", "base", "first", "1 0 0"), ("y", "first", "second", "0 1 0")),
+        ("z", "second", "tip", "0 0 1"),
+    )
+)
+CONFIG = """\
+retargeting:
+  type: vector
+  urdf_path: robot.urdf
+  target_origin_link_names: [base]
+  target_task_link_names: [tip]
+  target_link_human_indices: [[0], [8]]
+  normal_delta: 0.0
+  low_pass_alpha: 1.0
+"""
+
+
+@pytest.fixture
+def example(repository: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.syspath_prepend(str(repository / "examples"))
+    return importlib.import_module(Path(EXAMPLE).stem)
+
+
+@pytest.mark.parametrize(("hand", "mirror"), [("right", 1.0), ("left", -1.0)])
+def test_a_hand_is_given_in_its_own_axes_wherever_it_is(example: Any, hand: str, mirror: float) -> None:
+    joints = ROBOT_JOINTS * [mirror, 1.0, 1.0]
+    seen = example.in_wrist_frame(joints, hand)
+    np.testing.assert_allclose(seen[:, 0], 0.0)
+    np.testing.assert_allclose(seen[:, 9, :2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(seen[:, 5, 0], 0.0, atol=1e-12)
+    # The thumb's side, and where the fingers bend to.
+    assert (mirror * seen[:, 5, 1] > 0.01).all() and (seen[:, 9, 2] > 0.05).all() and (seen[-1, 8::4, 0] > 0.01).all()
+    across = [np.linalg.norm(of[:, :, None] - of[:, None], axis=3) for of in (joints, seen)]
+    np.testing.assert_allclose(*across, atol=1e-12)
+    turn = rotation_matrix(np.array([[0.5, -0.1, 0.7, 0.5]]))[0]
+    np.testing.assert_allclose(example.in_wrist_frame(joints @ turn.T + [0.3, 0.2, 0.1], hand), seen, atol=1e-12)
+    vectors = example.references(joints, hand, "VECTOR", np.array([[0, 5], [8, 9]]))
+    np.testing.assert_array_equal(vectors, seen[:, [8, 9]] - seen[:, [0, 5]])
+    np.testing.assert_array_equal(example.references(joints, hand, "POSITION", np.array([0, 8])), joints[:, [0, 8]])
+
+
+def test_a_robots_finger_is_where_the_repaired_one_is(repository: Path, example: Any, tmp_path: Path) -> None:
+    pytest.importorskip("dex_retargeting", reason="dex_retargeting is not installed: its answer was not looked at")
+    np.savez(tmp_path / "grasp.npz", keypoints=ROBOT_JOINTS, fps=30.0, hand="right")
+    (tmp_path / "robot.urdf").write_text(f'<robot name="tip"><link name="base"/>{ROBOT}</robot>')
+    (tmp_path / "robot.yml").write_text(CONFIG)
+    words = ("grasp.npz", "sphere", "robot.yml", str(tmp_path), "angles.npz")
+    command = [sys.executable, str(repository / "examples" / EXAMPLE), *words]
+    answer = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert answer.returncode == 0, answer.stderr
+    assert answer.stdout.endswith(" 0.000 mm repaired, 3 robot joints\n")
+    found, motion = np.load(tmp_path / "angles.npz"), hhsim.repair(tmp_path / "grasp.npz", "sphere")
+    assert motion.changed.any() and sorted(found["joint_names"]) == list("xyz")
+    order = [found["joint_names"].tolist().index(axis) for axis in "xyz"]
+    tips = example.in_wrist_frame(motion.joints, "right")[:, 8]
+    np.testing.assert_allclose(found["qpos"][:, order], tips, atol=1e-5)

@@ -1,4 +1,4 @@
-"""Ten objects, five trajectories, both methods, 3,000 ticks each.
+"""Ten objects, five trajectories, both methods, 3,000 ticks each; and every scene that is put forward.
 
 No penetration, no NaN, no stuck tick; every hold comes to rest, and trembles by no more than a share of its force.
 
@@ -9,11 +9,16 @@ of one run a trajectory, by the one method or the other, and at the one that the
 every tick of all.
 """
 
+import json
+import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import REPOSITORY, Run
+from markdown_pages import Page
+from sampled import sampled
 from short_grasp import result_of
 from sphere_scenes import result_clearance
 
@@ -22,9 +27,10 @@ from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.metrics import frozen_decay
 from hhsim.replay.summary import TREMOR
+from hhsim.replay.verdict import NOT_JUDGED, OK, UNTOUCHED
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
-from hhsim.scene.motion_catalogue import load_script
+from hhsim.scene.motion_catalogue import describe, load_script, trajectory_names
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -109,3 +115,41 @@ def trembling_pull() -> float:
     position, _, _ = TREMOR.apply(0, time, np.zeros((1000, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (1000, 1)), np.zeros(0))
     pull = SolverOptions().stiffness.translation * np.diff(position, axis=0)
     return float(np.linalg.norm(pull, axis=1).mean())
+
+
+PASTED = [
+    line
+    for name in ("README.md", "docs/cli.md")
+    for line in Page.read(REPOSITORY / name).command_lines()
+    if line.startswith("hhsim replay ")
+]
+SHOWN = dict.fromkeys(
+    " ".join(shlex.split(line, comments=True))
+    for line in [*PASTED, *(describe(name).line for name in trajectory_names())]
+)
+"""Commands, each once."""
+MADE = ("project_out:ProjectOut", "session.h5")
+"""What lines before make by other commands than an import."""
+QUICK = ("hhsim replay cup handle", describe("lift").line)
+MISSED = {describe("hand-over").line: {"force_ripple_hold", "lag_ticks"}}
+"""Figures over their limits, by the commands that docs/metrics.md names."""
+
+
+@pytest.mark.parametrize(
+    "line", sampled((line for line in SHOWN if not line.endswith(MADE)), lambda _, line: line in QUICK)
+)
+def test_what_is_put_forward_is_within_limits(line: str, run: Run) -> None:
+    # A line imports it to a file of this name.
+    words = line.replace("grab.h5", "examples/grab.csv").split()[1:]
+    words = [str(REPOSITORY / word) if word.startswith("examples/") else word for word in words]
+    if "--out" in words:
+        del words[words.index("--out") : words.index("--out") + 2]
+    answer = run(*words, "--json", "--out", "shown.h5")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    verdicts = [one["verdict"] for one in (document["hands"].values() if "hands" in document else [document])]
+    missed = {name for verdict in verdicts for name in verdict["missed"]}
+    assert missed == MISSED.get(line, set()), [verdict["line"] for verdict in verdicts]
+    if not missed:
+        word = UNTOUCHED if words[2] == "never" else NOT_JUDGED if "penalty" in words else OK
+        assert {verdict["word"] for verdict in verdicts} == {word}

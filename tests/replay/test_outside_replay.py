@@ -1,4 +1,4 @@
-"""A method from outside all the way: its file, its table, the referee, a second run, a page."""
+"""A method from outside all the way, and the conformance test, which tells a newcomer what is wrong and no more."""
 
 import json
 from pathlib import Path
@@ -10,6 +10,7 @@ from short_grasp import short_grasp, short_result, short_scene
 
 from hhsim.errors import InputError
 from hhsim.metrics.run.registry import known_figures, run_metrics
+from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.solver.method import EVERYTHING, outside_class
@@ -84,3 +85,55 @@ def test_a_second_run_says_what_the_method_lacks(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(outside_class(name), "missing", "needs a library: build it", raising=False)
     with pytest.raises(InputError, match=f"method {name} needs a library: build it"):
         run_again(result, trust=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "finding", "verdict", "says"),
+    [
+        ("Millimetres", "free space", WRONG, "another unit or frame?"),
+        ("Mirrored", "free space", WRONG, "another unit or frame?"),
+        ("Degrees", "joint limits", WRONG, "degrees?"),
+        ("TurnedForces", "forces", WRONG, "turned?"),
+        ("Promises", "depth", WRONG, "promises not to"),
+        ("Boasts", "run", WRONG, "native_ns of 1000000000000000: expected 0 to"),
+        ("Raises", "run", WRONG, "ZeroDivisionError"),
+        ("NoTick", "import", WRONG, "lacks tick"),
+        ("NotBuilt", "installed", WRONG, "needs a library that is not built"),
+        ("Follow", "depth", NOTE, "inside the object"),
+        ("Random", "repeatable", NOTE, "differs from tick 0"),
+        ("Lazy", "first tick", NOTE, "prepare in __init__"),
+    ],
+)
+@pytest.mark.quick(
+    "Millimetres-free space-wrong-another unit or frame?",
+    "TurnedForces-forces-wrong-turned?",
+    "Boasts-run-wrong-native_ns of 1000000000000000: expected 0 to",
+    "Raises-run-wrong-ZeroDivisionError",
+    "NoTick-import-wrong-lacks tick",
+    "NotBuilt-installed-wrong-needs a library that is not built",
+    "Lazy-first tick-note-prepare in __init__",
+)
+def test_what_is_wrong_is_named(name: str, finding: str, verdict: str, says: str) -> None:
+    found = {each.name: each for each in check_method(f"outside_methods:{name}")}
+    assert found[finding].verdict == verdict
+    assert says in found[finding].says
+    wrong = {each.name for each in found.values() if each.verdict == WRONG}
+    # A hand that is far away never touches: that follows from the first.
+    assert wrong - {"contact"} == ({finding} if verdict == WRONG else set())
+
+
+def test_our_own_method_from_outside_passes(run: Run) -> None:
+    answer = run("methods", "check", "outside_methods:OurOwn")
+    assert answer.code == 0 and answer.out.endswith("outside_methods:OurOwn can be measured\n")
+    assert "a tick in contact takes" in answer.out
+    assert answer.out.startswith("import ") and "──" not in answer.out, "three columns without headings have no rule"
+    assert run("methods", "check", "outside_methods:NoTick").code == 1
+
+
+@pytest.mark.soak
+def test_the_example_is_sixty_lines_at_most_and_passes(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = repository / "examples" / "project_out.py"
+    assert len(example.read_text(encoding="utf-8").splitlines()) <= 60
+    monkeypatch.syspath_prepend(str(example.parent))
+    found = {finding.name: finding.verdict for finding in check_method("project_out:ProjectOut")}
+    assert found == {**dict.fromkeys(found, OK), "depth": NOTE}, "phalanges between its balls are not looked at"

@@ -1,9 +1,11 @@
-"""The table of a tick's columns: the solver's record, the ring of a session, the file and the docs follow from it."""
+"""The table of a tick's columns, from which record, ring, file, docs follow; words of sessions, objects, motions."""
 
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +13,14 @@ from markdown_pages import Page
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.contact import detection
+from hhsim.kernels.live.deadlines import cause_of
 from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.session.memory import EVENT, LIVE_TICK
 from hhsim.result.body import contact_names, pair_codes
+from hhsim.result.miss_cause import MissCause, TimeTaken
+from hhsim.result.safety import Safety, free_counts
 from hhsim.result.schema import (
     EVENT_COLUMNS,
     LIVE_TICK_COLUMNS,
@@ -26,6 +31,7 @@ from hhsim.result.schema import (
     bodies_row,
     sample_columns,
 )
+from hhsim.result.wording import motion_name, object_name
 from hhsim.solver.workspace import tick_record
 
 
@@ -129,3 +135,51 @@ def test_a_contact_of_the_first_body_is_named_by_hand_and_body() -> None:
         ("cup", "table"),
         ("cup", "plate"),
     ]
+
+
+MS = 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("computed", "kept", "run_delay", "steal", "device", "cause"),
+    [
+        (5 * MS, 0, 0, 0, 0, MissCause.COMPUTED),
+        (5 * MS, MS, 0, 10 * MS, 0, MissCause.COMPUTED),
+        (MS // 2, 4 * MS, 4 * MS, 0, 0, MissCause.WOKEN_LATE),
+        (MS // 2, 4 * MS, 4 * MS, 10 * MS, 0, MissCause.WOKEN_LATE),
+        (MS // 2, 4 * MS, 0, 0, 0, MissCause.WOKEN_LATE),
+        (MS // 2, 4 * MS, 0, 10 * MS, 0, MissCause.HOST),
+        (MS // 2, 4 * MS, MS, 10 * MS, 4 * MS, MissCause.HOST),
+        (MS // 2, 40 * MS, 0, 10 * MS, 40 * MS, MissCause.DEVICE),
+        (MS // 2, 4 * MS, 0, 0, 3 * MS, MissCause.DEVICE),
+        (MS // 2, 4 * MS, 3 * MS, 0, 4 * MS, MissCause.WOKEN_LATE),
+        # A device call that computes is the loop's own time.
+        (5 * MS, 0, 0, 0, 5 * MS, MissCause.COMPUTED),
+    ],
+)
+def test_the_cause_is_what_took_most(
+    computed: int, kept: int, run_delay: int, steal: int, device: int, cause: MissCause
+) -> None:
+    assert cause_of(*TimeTaken(computed, kept, run_delay, steal, device)) == cause
+
+
+def test_every_reason_is_counted_and_the_other_hand_s_only_where_there_was_one() -> None:
+    counts = free_counts(lambda why: 7 if why is Safety.STOPPING else 0)
+    assert counts.pop("STOPPING") == 7
+    assert counts == {why.name: 0 for why in Safety if why not in (Safety.STOPPING, Safety.OTHER_HAND)}
+    assert free_counts(lambda why: int(why is Safety.OTHER_HAND))["OTHER_HAND"] == 1
+
+
+@pytest.mark.parametrize(
+    ("scene", "names"),
+    [
+        ({"object": "meshes/mug.stl", "trajectory": "own/grasp.toml"}, ("mug.stl", "grasp.toml")),
+        ({"object_name": "mug", "object": "mug.stl", "motion": "grasp", "trajectory": "x"}, ("mug", "grasp")),
+        ({}, ("object", "motion")),
+    ],
+)
+def test_a_file_is_called_by_its_name_without_its_folder(scene: dict[str, Any], names: tuple[str, str]) -> None:
+    result: Any = SimpleNamespace(scene=scene | {"hand": {"side": "left"}}, other=None)
+    assert (object_name(result), motion_name(result)) == names
+    result.other = result
+    assert motion_name(result) == f"{names[1]} (left of two hands)"

@@ -1,4 +1,4 @@
-"""Closures that a search finds, and those that ship or lie in the cache."""
+"""Demanded touches and their distances; closures that a search finds, and those that ship or lie in the cache."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import ball, flat_tree, record_clearance
+from sphere_scenes import ball, flat_tree, object_tree, record_clearance
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -20,8 +20,10 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.mesh.catalogue import load_object, object_names
+from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import encoded, plan_finger_closure, shipped_closures
+from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distances
 from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
@@ -30,7 +32,47 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.build_closures import searched
 
-RIGHT = HandModel.default("right")
+HAND = HandModel.default()
+TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
+
+
+def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
+    random = np.random.default_rng(seed)
+    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
+    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
+    work = make_work(HAND.arrays(), TREE.arrays())
+    distance = body_distances(position, rotation, flexion, np.zeros(5), work)
+    return position, rotation, work.joints.copy(), distance
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) -> None:
+    position, rotation, joints, _ = pose(seed)
+    touch, coarse = Touch("middle", "inside"), COARSE
+    (found,) = touch_distances([touch], "cup", HAND, coarse, joints, position, rotation)
+    best = np.inf
+    for k in range(3):
+        for center, radius in zip(coarse.leaf_center, coarse.leaf_radius):
+            distance, places = round_cone_contact(
+                center[None], np.array([radius]), joints[2, k], joints[2, k + 1], *HAND.radius[2, k : k + 2]
+            )
+            if holds(object_regions("cup")["inside"], places)[0]:
+                best = min(best, float(distance[0]))
+    assert found == pytest.approx(best, abs=1e-12)
+    (anywhere,) = touch_distances([Touch("middle")], "cup", HAND, coarse, joints, position, rotation)
+    assert anywhere <= found
+
+
+NAMED = [(name, region) for name in object_names() for region in object_regions(name)]
+
+
+@pytest.mark.parametrize(("name", "region"), NAMED)
+def test_every_shipped_region_holds_some_of_the_surface_and_not_most_of_it(name: str, region: str) -> None:
+    triangles = load_object(name).mesh.triangles
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    share = area[holds(object_regions(name)[region], triangles.mean(axis=1))].sum() / area.sum()
+    assert 0.005 < share < 0.75
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -77,7 +119,7 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
     direction = rng.normal(size=3)
     position = distance * direction / np.linalg.norm(direction)
     rotation = np.ascontiguousarray(Rotation.random(rng=rng).as_matrix())
-    flexion = RIGHT.flexion_min + rng.uniform(size=(5, 3)) * (RIGHT.flexion_max - RIGHT.flexion_min)
+    flexion = HAND.flexion_min + rng.uniform(size=(5, 3)) * (HAND.flexion_max - HAND.flexion_min)
     return position, rotation, flexion, rng.uniform(-0.2, 0.2, size=5)
 
 
@@ -86,7 +128,7 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
 def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
     tree = cluster(seed)
     pose = random_pose(np.random.default_rng(seed), distance)
-    np.testing.assert_allclose(near(RIGHT, tree, *pose), brute_distances(RIGHT, tree, *pose), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(near(HAND, tree, *pose), brute_distances(HAND, tree, *pose), rtol=0.0, atol=1e-12)
 
 
 @settings(max_examples=15)
@@ -98,10 +140,10 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     posture = rotation, flexion, abduction
     direction = -position / np.linalg.norm(position)
     gap = rng.uniform(0.0, 0.01, size=16)
-    work = make_work(RIGHT.arrays(), tree.arrays())
+    work = make_work(HAND.arrays(), tree.arrays())
     travel, body = kernel.advance_hand(position, *posture, direction, gap, 1.0, work)
     for share in np.linspace(0.0, 1.0, 200):
-        left = near(RIGHT, tree, position + share * travel * direction, *posture) - gap
+        left = near(HAND, tree, position + share * travel * direction, *posture) - gap
         assert (left >= -1e-12).all()
     if body >= 0:
         assert int(np.argmin(left)) == body
@@ -123,17 +165,17 @@ def close(
 @given(st.integers(0, 2**32 - 1), st.integers(0, 4))
 def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: int) -> None:
     rng = np.random.default_rng(seed)
-    hand = RIGHT.arrays()
+    hand = HAND.arrays()
     # A heap below the fingers, wherever it happens to be; starts that touch already are of no interest.
     tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
     rate = closure_rates(rng.uniform(0.2, 1.5))[finger]
     own = slice(3 * finger, 3 * finger + 3)
-    if near(RIGHT, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
+    if near(HAND, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
         return
     flexion, touching = close(hand, tree, finger, np.zeros(3), np.eye(3), rate)
     others = np.delete(flexion, finger, axis=0)
     assert (others == 0.0).all()
-    reached = near(RIGHT, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
+    reached = near(HAND, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
     assert (reached > 0.0).all()
     assert (reached[touching == 1.0] <= kernel.CONTACT).all()
     # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
@@ -145,18 +187,18 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
     tree = box()
-    closure = plan_finger_closure(script, RIGHT, tree)
+    closure = plan_finger_closure(script, HAND, tree)
     assert closure.reached == () and closure.missed == ()
     stages = [closure.open + share * (closure.command - closure.open) for share in np.linspace(0.0, 1.0, 101)]
-    gaps = [near(RIGHT, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
+    gaps = [near(HAND, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
     assert 0.05 <= min(gaps) < 0.08
 
 
 def test_the_plan_moves_with_the_object() -> None:
     script = load_script("grasp")
     shift = np.array([0.5, -0.25, 1.0])
-    here = plan_finger_closure(script, RIGHT, cluster(4))
-    there = plan_finger_closure(script, RIGHT, cluster(4).transformed(np.eye(3), shift))
+    here = plan_finger_closure(script, HAND, cluster(4))
+    there = plan_finger_closure(script, HAND, cluster(4).transformed(np.eye(3), shift))
     np.testing.assert_allclose(there.position, here.position + shift, atol=1e-6)
     np.testing.assert_allclose(there.command, here.command, atol=1e-5)
 
@@ -165,7 +207,7 @@ def test_what_no_finger_can_reach_is_refused() -> None:
     phases = ScriptPhase("approach", 1.0), ScriptPhase("touch", 1.0, ("little",))
     straight = Script(name="stiff", phases=phases, palm_gap=0.3)
     with pytest.raises(TrajectoryError, match=r"script stiff: little cannot reach the object, 0.02 m across"):
-        plan_finger_closure(straight, RIGHT, ball(0.01))
+        plan_finger_closure(straight, HAND, ball(0.01))
 
 
 DUE = "not what ships: raise SEARCH_VERSION if the search changed, and run `python -m tools.build_closures`"
@@ -231,6 +273,7 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 """
 
 
+@pytest.mark.soak
 def test_the_cache_knows_every_source_that_a_search_depends_on() -> None:
     done = subprocess.run([sys.executable, "-c", SOURCES], capture_output=True, text=True, check=True)
     library = Path(closure_search.__file__).parents[1]

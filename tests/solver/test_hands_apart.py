@@ -1,32 +1,235 @@
-"""Two hands that keep out of each other: known answers, the same bytes where they are far, and random ticks."""
+"""Hands that keep out of themselves and each other: known answers, hands alone, the same bytes, random ticks."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from free_scenes import body_of, box
+import trimesh
+from free_scenes import TIP, body_of, box, solver_of, tongs
 from sampled import sampled
-from sphere_scenes import UNTIMED, bumpy_ball, record_clearance
+from sphere_scenes import BALL_RADIUS, CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.scene.body import Body
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES, surface_of
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.solver.scene_solver import WorldSolver
 from hhsim.trees.contact_surface import contact_surface
+from hhsim.trees.sphere_tree import SphereTree
+from hhsim.verify.mesh_distance import CLOSE, TrueSurface
+
+RIGHT = HandModel.default("right")
+FAR = [50.0, 50.0, 50.0]
+AIR: dict[str, Any] = {
+    "mesh": contact_surface("mesh", box((0.02, 0.02, 0.02), FAR), None).arrays,
+    "spheres": sphere_tree(np.array([FAR]), np.array([0.01])).arrays(),
+}
+"""What a hand in the air is beside, of either surface."""
+OPTIONS = SolverOptions(self_contact=True)
+EITHER = sampled(["mesh", "spheres"], lambda place, _: place == 0)
+"""Surfaces; a hand's own parts are the same beside either, and other tests compile it beside triangles, too."""
+PINCH_FLEXION = np.zeros((5, 3))
+PINCH_FLEXION[0], PINCH_FLEXION[1] = (0.1, 0.9, 0.9), (1.2, 1.2, 0.6)
+PINCH = still(np.zeros(3), flexion=PINCH_FLEXION, abduction=np.array([0.5, 0.0, 0.0, 0.0, 0.0]))
+OPEN = still(np.zeros(3))
+
+
+def run(motion: HandConfiguration, hand: HandModel = RIGHT, beside: Any = AIR, **options: Any) -> TickRecord:
+    chosen = SolverOptions(**{"self_contact": True, "surface": "mesh", **options})
+    return HandSolver(hand, beside[chosen.surface], chosen).run(*motion)
+
+
+def clearance(hand: HandModel, record: Any) -> FloatArray:
+    return self_clearance(hand, self_pairs(hand), record.flexion, record.abduction)
+
+
+def away(hand: HandModel, flexion: FloatArray, abduction: FloatArray) -> float:
+    """The distance of one hand's own parts: the first hand is measured as a whole."""
+    return float(self_clearance(hand, self_pairs(hand), flexion, abduction)[0])
+
+
+def closed(goal: HandConfiguration, ticks: int = 300, hold: int = 60) -> HandConfiguration:
+    return OPEN.line(goal, ticks - 1).hold(hold)
+
+
+def test_thumb_and_index_commanded_through_each_other_touch_and_push_alike() -> None:
+    motion = closed(PINCH)
+    assert clearance(RIGHT, motion).min() < -5e-3
+    record = run(motion)
+    assert clearance(RIGHT, record).min() >= 0.0 and away(RIGHT, record.flexion[-1:], record.abduction[-1:]) <= 1e-6
+    assert not (record.status & (STATUS_LAG | STATUS_STUCK)).any()
+    force = record.phalanx[-1].reshape(15, 3)
+    bears = np.flatnonzero(np.linalg.norm(force, axis=1))
+    assert {int(body) // 3 for body in bears} == {0, 1}
+    assert np.linalg.norm(force[bears], axis=1).min() > 0.1
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(record.total[-1], 0.0, atol=1e-12)
+    # The palm is where the user has it, and each joint is off by the moment of the force over its stiffness.
+    np.testing.assert_allclose(record.position[-1], 0.0, atol=1e-9)
+    off = (PINCH.flexion[0] - record.flexion[-1]).ravel() * OPTIONS.stiffness.flexion
+    rate = [_rate(record, joint) for joint in range(15)]
+    size = float(np.linalg.norm(force[bears[0]]))
+    np.testing.assert_allclose(off, -size * np.array(rate), atol=2e-3 * size * 0.1)
+
+
+def _rate(record: TickRecord, joint: int) -> float:
+    """How fast the least distance of the last hand grows with a joint's angle [m/rad]."""
+    flexion = np.repeat(record.flexion[-1:], 2, axis=0).reshape(2, 15)
+    flexion[:, joint] += (1e-6, -1e-6)
+    ahead, behind = (away(RIGHT, angles.reshape(1, 5, 3), record.abduction[-1:]) for angles in flexion)
+    return (ahead - behind) / 2e-6
+
+
+def ball(leaves: int) -> tuple[Mesh, SphereTree, dict[str, Any]]:
+    """A ball of triangles, a bumpy one of spheres, and both as what a hand touches."""
+    found = trimesh.creation.icosphere(subdivisions=2, radius=BALL_RADIUS)
+    mesh, tree = Mesh(np.array(found.vertices), np.array(found.faces)), bumpy_ball(leaves)
+    return mesh, tree, {"mesh": contact_surface("mesh", mesh, None).arrays, "spheres": tree.arrays()}
+
+
+@pytest.mark.parametrize("surface", EITHER)
+def test_where_nothing_meets_every_byte_is_as_without(surface: str) -> None:
+    _, _, beside = ball(150)
+    opened, grasped = still([0.0, -0.045, 0.056], flexion=0.4 * CURL), still([0.0, -0.045, 0.054], flexion=CURL)
+    motion = opened.line(grasped, 119).hold(40)
+    ours, theirs = (run(motion, beside=beside, surface=surface, self_contact=on) for on in (True, False))
+    assert clearance(RIGHT, theirs).min() > 0.0 and np.linalg.norm(theirs.total[-1]) > 1.0
+    for name in UNTIMED:
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), err_msg=name)
+
+
+def test_a_hand_that_begins_in_itself_begins_beside() -> None:
+    record = run(PINCH.hold(40))
+    assert record.status[0] & STATUS_START_INSIDE and record.status[-1] == 0
+    assert clearance(RIGHT, record).min() >= 0.0 and away(RIGHT, record.flexion[-1:], record.abduction[-1:]) < 1e-6
+
+
+def beside_free(far: Mesh) -> HandSolver:
+    return solver_of(body_of(far, gravity=(0.0, 0.0, 0.0)), self_contact=True)
+
+
+@pytest.mark.parametrize("moves", [False, True], ids=["fixed", "free"])
+def test_crossed_fingers_that_are_pressed_together_come_to_rest(moves: bool) -> None:
+    # Their distance bends by several times what the springs hold: steps of flat rows go to and fro.
+    flexion = [[0.42, 0.34, 0.97], [-0.2, 1.25, 0.47], [1.09, 0.27, 1.53], [0.43, 0.5, 0.89], [0.81, 1.68, -0.32]]
+    begin, goal = np.array(flexion), np.array(flexion)
+    goal[3, 0] = -0.15
+    abduction = np.array([0.51, -0.07, 0.43, 0.12, -0.27])
+    far = box((0.02, 0.02, 0.02), FAR)
+    solver = (
+        beside_free(far) if moves else HandSolver(RIGHT, AIR["mesh"], SolverOptions(self_contact=True, surface="mesh"))
+    )
+    solver.place(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), begin, abduction)
+    record = solver.run(*still(np.zeros(3), flexion=goal, abduction=abduction).hold(300))
+    assert clearance(RIGHT, record).min() >= 0.0 and clearance(RIGHT, record)[-1] < 1e-6
+    assert not (record.status[20:] & (STATUS_LAG | STATUS_STUCK)).any()
+    assert np.ptp(record.flexion[200:], axis=0).max() < 1e-8
+    # All joints but the clamped ones are off by the moment of one force.
+    off = (goal - record.flexion[-1]).ravel() * SolverOptions().stiffness.flexion
+    rate = np.array([_rate(record, joint) for joint in range(15)])
+    size = -(off @ rate) / (rate @ rate)
+    assert size > 1.0
+    np.testing.assert_allclose(off, -size * rate, atol=1e-4 * size * np.abs(rate).max())
+
+
+@pytest.mark.parametrize("surface", EITHER)
+@pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
+def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> None:
+    random = np.random.default_rng(seed)
+    (mesh, tree, beside), motion = ball(60), random_targets(RIGHT, 500, random, hold=20)
+    record = run(motion, beside=beside, surface=surface)
+    assert clearance(RIGHT, motion).min() < -2e-3
+    assert clearance(RIGHT, record).min() >= 0.0
+    if surface == "spheres":
+        assert record_clearance(RIGHT, tree, record).min() >= 0.0
+    else:
+        shown = PlacedHand(record.joints, record.position, record.orientation)
+        assert -CLOSE < TrueSurface(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5
+
+
+EDGE = 0.04
+"""Of the block [m]."""
+REACH, ASIDE = 0.09, 0.03
+"""Length of a pressing finger, and how far beside its palm it lies [m]."""
+SPRING = 2e4
+"""Of each palm [N/m]."""
+SQUEEZE = 4.0
+"""Of each hand [N]."""
+FRICTION, MASS = 0.5, 0.5
+MOST = 2.0 * FRICTION * SQUEEZE
+"""Weight that two hands just hold [N]."""
+
+
+class Run(NamedTuple):
+    """Ticks of both hands, and the object's."""
+
+    hands: tuple[TickRecord, ...]
+    object: WorldRecord
+
+
+def pressing(ticks: int) -> list[HandConfiguration]:
+    """Two fingers along x that come to press a block from both sides."""
+    found, straight = [], (np.zeros((ticks, 5, 3)), np.zeros((ticks, 5)))
+    for side, turn in ((1.0, [1.0, 0.0, 0.0, 0.0]), (-1.0, [0.0, 0.0, 0.0, 1.0])):
+        depth = np.linspace(-0.0002, SQUEEZE / SPRING, ticks)
+        away = 0.5 * EDGE + TIP + REACH - depth
+        position = np.stack([-side * away, np.full(ticks, -side * ASIDE), np.zeros(ticks)], axis=1)
+        found.append(HandConfiguration(position, np.tile(turn, (ticks, 1)), *straight))
+    return found
+
+
+class Pressed:
+    """A block between two fingers, which weighs nothing until it is loaded."""
+
+    def __init__(self) -> None:
+        body = body_of(box([EDGE] * 3), mass=MASS, friction=FRICTION, gravity=(0.0, 0.0, 0.0))
+        stiffness = Stiffness(SPRING, 1e4, 1e4)
+        options = SolverOptions(surface="mesh", fingers=("index",), stiffness=stiffness)
+        surface = contact_surface("mesh", body.mesh, None)
+        self.solver = WorldSolver([HandSolver(tongs(), surface, options) for _ in range(2)], body)
+        engine: Any = self.solver.engine
+        self.bodies = engine.world.bodies
+        self.way = pressing(60)
+        self.solver.run(*self.way)
+
+    def load(self, weight: float, ticks: int) -> Run:
+        """Run some ticks with a weight [N]."""
+        self.bodies[0].gravity[2] = -weight / MASS
+        held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
+        return Run(self.solver.run(*held), self.solver.object_ticks)
+
+
+def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it() -> None:
+    block = Pressed()
+    for share in np.linspace(0.05, 0.99, 20):
+        block.load(share * MOST, 10)
+    block.load(0.99 * MOST, 400)
+    held = block.load(0.99 * MOST, 300)
+    assert np.ptp(held.object.shift, axis=0).max() < 1e-9
+    assert np.abs(held.object.velocity).max() < 1e-9
+    pushes = [each.total[-1, 0] for each in held.hands]
+    assert pushes == pytest.approx([-SQUEEZE, SQUEEZE], rel=1e-2)
+    assert all(each.total[-1, 2] == pytest.approx(-0.495 * MOST, rel=1e-6) for each in held.hands)
+    beyond = block.load(1.01 * MOST, 100)
+    assert beyond.object.velocity[-1, 2] < -5e-3
+    fallen = block.load(1.5 * MOST, 50).object.velocity[:, 2]
+    assert (fallen[-1] - fallen[9]) / 0.04 == pytest.approx(-0.5 * MOST / MASS, rel=1e-2)
+
 
 HANDS = HandModel.default("right"), HandModel.default("left")
-AIR = contact_surface("mesh", box((0.01, 0.01, 0.01), (50.0, 50.0, 50.0)), None)
+NOWHERE = contact_surface("mesh", box((0.01, 0.01, 0.01), (50.0, 50.0, 50.0)), None)
 FREE = body_of(box((0.05, 0.05, 0.05), (50.0, 50.0, 50.0)), gravity=(0.0, 0.0, 0.0))
 FLIP = np.array([-1.0, 1.0, 1.0])
 TURN = np.array([0.9, 0.1, 0.4, 0.05]) / np.linalg.norm([0.9, 0.1, 0.4, 0.05])
@@ -38,7 +241,9 @@ def options_at(surface: Any, **options: Any) -> SolverOptions:
     return SolverOptions(surface=next(name for name, known in SURFACES.items() if known is kind), **options)
 
 
-def run(motions: Pair, surface: Any = AIR, free: Body | None = None, **options: Any) -> tuple[TickRecord, TickRecord]:
+def run_both(
+    motions: Pair, surface: Any = NOWHERE, free: Body | None = None, **options: Any
+) -> tuple[TickRecord, TickRecord]:
     """Run both hands, at a surface or at a free box; they are returned as that sees them."""
     if free is not None:
         surface = contact_surface("mesh", free.mesh, None)
@@ -91,7 +296,7 @@ def through(depth: float, ticks: int = 150, hold: int = 60) -> Pair:
 def test_hands_commanded_through_each_other_touch_and_push_alike(options: dict[str, Any]) -> None:
     motions = through(0.015)
     assert apart(motions).min() < -0.014
-    one, two = run(motions, **options)
+    one, two = run_both(motions, **options)
     # Round bodies slip aside in the end.
     distance, rests = apart((one, two)), -20
     assert distance.min() >= 0.0 and distance[rests] <= 1e-6
@@ -109,7 +314,7 @@ def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) 
     ball = ball_of(surface, 150)
     near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
     motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
-    together = run(motions, ball)
+    together = run_both(motions, ball)
     assert apart(together).min() > 0.0
     for hand, motion, record in zip(HANDS, motions, together):
         alone = HandSolver(hand, ball, options_at(ball)).run(*motion)
@@ -123,7 +328,7 @@ def test_hands_that_begin_in_each_other_begin_beside(free: Body | None) -> None:
     right = still([0.02, 0.0, 0.0]).hold(30)
     motions = right, mirrored(right)
     assert apart(motions).max() < -5e-3
-    one, two = run(motions, free=free)
+    one, two = run_both(motions, free=free)
     assert one.status[0] == two.status[0] == STATUS_START_INSIDE, "they have come near, and have nothing left to go"
     distance = apart((one, two))
     assert distance.min() >= 0.0 and distance[-1] <= 1e-6
@@ -142,7 +347,7 @@ def random_hands(seed: int, ticks: int) -> Pair:
 def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> None:
     ball, motions = ball_of(surface, 60), random_hands(seed, 300)
     options: dict[str, Any] = {"self_contact": True} if seed % 2 else {}
-    records = run(motions, ball, **options)
+    records = run_both(motions, ball, **options)
     assert apart(motions).min() < -5e-3
     assert apart(records).min() >= 0.0
     for hand, record in zip(HANDS, records):

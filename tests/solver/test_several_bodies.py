@@ -1,4 +1,4 @@
-"""Several bodies: closed forms of blocks on blocks, conservation, and true distances by another way."""
+"""Several bodies, free and driven: closed forms, conservation, true distances by another way, and what is refused."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,14 +6,21 @@ from typing import Any
 import numpy as np
 import pytest
 from coulomb_program import last_program, solve_coulomb
-from free_scenes import all_ticks, body_of, solver_of
+from free_scenes import all_ticks, body_of, box, far_hand, solver_of
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.quaternion import rotation_matrix
+from hhsim.bench.robustness.random_targets import RandomTargets
+from hhsim.bench.robustness.safety import recorded_penetration
+from hhsim.hand.model import HandModel
+from hhsim.hand.quaternion import quaternion, rotation_matrix
+from hhsim.mesh.catalogue import load_object
+from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
-from hhsim.scene.body import Body, Fixed
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
 from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.options import Stiffness
 
 DT, G = 1e-3, 9.81
 NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "friction": 0.0}
@@ -52,43 +59,6 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
     program = last_program(solver)
     wanted, _ = solve_coulomb(program)
     np.testing.assert_allclose(program.found, wanted, atol=1e-6 * np.abs(program.target).max())
-
-
-@pytest.mark.parametrize("mu", [0.3, 0.6])
-def test_a_block_on_a_fixed_slope_slides_as_coulomb_says(mu: float) -> None:
-    tilt, gap = np.radians(30.0), 2e-6
-    up = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
-    slope = block((0, 0, 0), (1.0, 0.2, 0.01), tilt, friction=mu, moves=Fixed())
-    solver = solver_of_three(block((0.025 + gap) * up, tilt=tilt, friction=mu), slope, table=None)
-    _, ticks = run(solver, 300)
-    way = np.linalg.norm(ticks.bodies[0].shift[-1] - ticks.bodies[0].shift[0])
-    # Implicit Euler: n (n + 1) / 2 steps of a Δt², less the first tick's.
-    falls = max(0.0, G * (np.sin(tilt) - mu * np.cos(tilt)))
-    assert way == pytest.approx(falls * DT**2 * (300 * 301 / 2 - 1), rel=1e-4, abs=2e-6)
-    assert np.abs(np.diff(ticks.bodies[1].shift, axis=0)).max() == 0.0
-
-
-def momentum(body: Any, of: Body) -> FloatArray:
-    """Linear and angular momentum about the world's origin at each tick, (T, 6)."""
-    turn, free = rotation_matrix(body.turn), of.solid
-    place = turn @ np.array(free.center) + body.shift
-    spin = np.einsum("tij,jk,tlk,tl->ti", turn, np.array(free.inertia), turn, body.angular_velocity)
-    return np.concatenate([free.mass * body.velocity, free.mass * np.cross(place, body.velocity) + spin], axis=1)
-
-
-def test_two_free_things_that_meet_keep_their_momentum() -> None:
-    bodies = [
-        block((0.0, 0.0, 0.0), mass=0.1, velocity=(1.0, 0.0, 0.0), **NOTHING),
-        block((0.05, 0.0, 0.01), mass=0.3, angular_velocity=(1.0, 2.0, 3.0), **NOTHING),
-    ]
-    _, ticks = run(solver_of_three(*bodies, table=None), 200)
-    total = np.sum([momentum(body, of) for body, of in zip(ticks.bodies, bodies)], axis=0)
-    np.testing.assert_allclose(total[:, :3], total[:1, :3].repeat(200, axis=0), atol=1e-12)
-    # In the tick in which they meet each turns while the force acts: a share of what it gains, of first order.
-    gained = np.abs(momentum(ticks.bodies[1], bodies[1])[-1, 3:]).max()
-    assert np.abs(total[:, 3:] - total[0, 3:]).max() < 0.02 * gained
-    speed = np.linalg.norm(ticks.bodies[1].velocity, axis=1)
-    assert speed[0] == 0.0 and speed[-1] > 0.1, "they met"
 
 
 def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
@@ -140,3 +110,103 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
         wanted = force[1:] + [0.0, 0.0, -free.mass * G]
         scale = np.abs(force[1:]).max() + free.mass * G
         assert np.abs(gained - wanted)[settled].max() <= 1e-6 * scale, "Newton's equation"
+
+
+GAP = 2e-6
+
+
+def shifted(way: FloatArray, direction: Any = (1.0, 0.0, 0.0)) -> RigidMotion:
+    """Motion by ways [m] along a direction, shape (T,)."""
+    return RigidMotion(np.tile([1.0, 0.0, 0.0, 0.0], (len(way), 1)), way[:, None] * np.array(direction))
+
+
+def turned(angle: FloatArray, axis: Any = (0.0, 1.0, 0.0)) -> RigidMotion:
+    """Motion by angles [rad] about an axis through the origin, shape (T,)."""
+    return RigidMotion(quaternion(angle[:, None] * np.array(axis)), np.zeros((len(angle), 3)))
+
+
+def play(body: Body, driven: Mesh, motion: RigidMotion, *others: Body, friction: float = 0.6) -> Any:
+    """Records of the hand, far away, and of a free body, a driven one, and others."""
+    goes = Driven(ObjectMotion(motion.shift, motion.turn))
+    solver = solver_of(body, others=(body_of(driven, "driven", moves=goes, friction=friction), *others))
+    return solver.run(*far_hand(len(motion.turn))), all_ticks(solver)
+
+
+def rider(mass: float = 0.1, friction: float = 0.6, **given: Any) -> Body:
+    """A cube of 40 mm that stands 2 µm above z = 0."""
+    return body_of(box((0.04, 0.04, 0.04), (0.0, 0.0, 0.02 + GAP)), mass=mass, friction=friction, **given)
+
+
+PLATE = box((1.0, 0.2, 0.02), (0.0, 0.0, -0.01))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.99, 1.5])
+def test_a_block_rides_on_a_plate_unless_it_is_drawn_away_faster_than_friction_accelerates(share: float) -> None:
+    ticks, mu = 400, 0.5
+    speed = share * mu * G * DT * np.clip(np.arange(ticks) - 20, 0, None)
+    record, found = play(rider(friction=mu), PLATE, shifted(np.cumsum(speed * DT)), friction=mu)
+    assert not record.status.any()
+    rides, drives = found.bodies[:2]
+    np.testing.assert_allclose(drives.shift[:, 0], np.cumsum(speed * DT), atol=1e-9)
+    np.testing.assert_allclose(rides.velocity[-1, 0], min(share, 1.0) / share * speed[-1], rtol=1e-3)
+    np.testing.assert_allclose(found.body_wrench[0, -100:, 0].mean(), 0.1 * min(share, 1.0) * mu * G, rtol=1e-3)
+    np.testing.assert_allclose(found.body_wrench[1, :, :3], -found.body_wrench[0, :, :3], atol=1e-9)
+    if share < 1.0:
+        slid = rides.shift[:, 0] - drives.shift[:, 0]
+        assert np.abs(slid - slid[19]).max() < 1e-6
+
+
+def test_a_block_on_a_plate_that_tilts_slides_at_the_angle_of_friction() -> None:
+    ticks, mu = 900, 0.4
+    angle = 0.6 * np.arange(ticks) / ticks
+    record, found = play(rider(friction=mu), PLATE, turned(angle), friction=mu)
+    assert not record.status.any()
+    first, second = found.bodies[:2]
+    back = RigidMotion(second.turn, second.shift).seen_points(
+        RigidMotion(first.turn, first.shift).points(np.zeros((ticks, 3)))
+    )
+    slides = int(np.argmax(np.linalg.norm(back - back[0], axis=1) > 1e-4))
+    # Where it has slid by 0.1 mm the plate is a little steeper: d = ½ g' Δt² with g' from the angle beyond.
+    assert np.arctan(mu) - 1e-3 < angle[slides] < np.arctan(mu) + 0.03
+
+
+def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not() -> None:
+    ticks = 240
+    way = np.interp(np.arange(ticks), [0, 100, 140, 200], [0.0, 0.005, 0.005, -0.002])
+    press = box((0.1, 0.1, 0.02), (0.0, 0.0, 0.04 + GAP + 0.0125))
+    anvil = body_of(PLATE, "anvil", moves=Fixed())
+    _, found = play(rider(), press, shifted(way, (0.0, 0.0, -1.0)), anvil)
+    block_z, press_z = found.bodies[0].shift[:, 2], found.bodies[1].shift[:, 2]
+    top, bottom = 0.04 + GAP + block_z, 0.0425 + GAP + press_z
+    assert (bottom - top).min() > 0.0 and block_z.min() > -GAP, "nothing is entered"
+    assert np.abs(press_z + np.minimum(way, 0.0025)).max() < 5e-6, "it stops at the block, and comes back as recorded"
+    assert np.abs(press_z[-60:] + way[-60:]).max() < 1e-9
+
+
+HAND = HandModel.default()
+
+
+def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) -> float:
+    """Throw the hand about an object on a table, and look at every tick; how far the object gets [m]."""
+    mesh = load_object(name).mesh
+    lowest = float(mesh.bounds[0, 2])
+    solver = solver_of(body_of(mesh, mass=mass, torsion=2e-3), HAND, table=lowest, stiffness=stiffness)
+    record = solver.run(*RandomTargets(HAND, seed).take(ticks))
+    moved = solver.object_ticks
+    rows = moved.contact[-1]
+    values = (*record, *(field[:rows] if len(field) > ticks + 1 else field for field in moved))
+    assert all(np.isfinite(value).all() for value in values)
+    assert recorded_penetration(HAND, solver.workspace.surface, record).depth.max() == 0.0
+    assert moved.table_distance.min() >= 0.0
+    return float(np.linalg.norm(moved.shift[-1]))
+
+
+def test_a_hand_thrown_about_enters_nothing() -> None:
+    assert harass("cube", 0.1, Stiffness(), 400, seed=1) > 1e-3
+
+
+def test_a_file_has_the_properties_of_a_free_body_and_of_its_table() -> None:
+    body = body_of(box((0.03, 0.04, 0.05)), density=700.0, friction=0.3, torsion=1e-3)
+    properties = body.properties(HalfSpace("table", -0.02))
+    assert {**vars(body.motion), "friction": 0.3, "torsion": 1e-3, "table": -0.02, "table_friction": None} == properties
+    assert body.solid.mass == pytest.approx(700.0 * 0.03 * 0.04 * 0.05)

@@ -18,6 +18,7 @@ from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.result.reader import load_result
+from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.second_run import OF_A_MACHINE, OF_NO_RUN, is_measured
 from hhsim.verify.verify import Verification, physics, verify
 
@@ -71,11 +72,12 @@ FIRST = {check: fault for kind, fault, check in reversed(BY_KIND) if kind != "ha
 def test_a_planted_fault_is_named(
     made: Callable[[str], Path], tmp_path: Path, kind: str, fault: Fault, check: str
 ) -> None:
-    # The scene is run again only for what nothing else shows.
-    judge = verify if check == AGAIN else physics
-    found = judge(planted(made(kind), tmp_path, fault), every=LATE)
-    assert check in failing(found)
-    claim = next(claim for claim in found.claims if claim.name == check and claim.failed)
+    result = planted(made(kind), tmp_path, fault)
+    claims = free_claims(result) if len(result.hands) == 1 else []
+    if check not in {claim.name for claim in claims if claim.failed}:
+        # The scene is run again only for what nothing else shows.
+        claims = [*(verify if check == AGAIN else physics)(result, every=LATE).claims]
+    claim = next(claim for claim in claims if claim.name == check and claim.failed)
     assert not claim.worst <= claim.tolerance
 
 

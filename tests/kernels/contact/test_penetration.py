@@ -1,9 +1,10 @@
-"""Clearances of stored hands against brute force over all pairs, the axis parameter found by search."""
+"""Clearances of stored hands by brute force and search; round cones against meshes by closed forms."""
 
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mesh_oracle import Cones, along_axes
@@ -11,16 +12,23 @@ from scipy.spatial.transform import Rotation
 from sphere_scenes import sphere_tree
 
 from hhsim.arrays import FloatArray
+from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.contact_points import clearances
+from hhsim.kernels.contact.mesh_distance import (
+    DEEPEST_INTERVAL,
+    AxisSearch,
+    hand_mesh_distances,
+    hand_tip_distances,
+    round_cone_mesh_distance,
+)
 from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
+from hhsim.kernels.kd_tree import STACK
+from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
 from hhsim.kernels.sphere_tree import TreeArrays
 
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
-HAND = HandModel.default()
-PALM = HAND.palm_tree
-SHAPE = HandShape(HAND.radius, PALM.leaf_center, PALM.leaf_radius)
 
 
 class PlacedHands(NamedTuple):
@@ -33,10 +41,6 @@ def run(shape: HandShape, tree: TreeArrays, hands: PlacedHands, limit: float) ->
     palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
     clearances(tree, StoredHands(shape, *hands), limit, palm, finger)
     return palm, finger
-
-
-def tree_of(center: FloatArray, radius: FloatArray) -> TreeArrays:
-    return sphere_tree(center, radius).arrays()
 
 
 def brute_force(
@@ -79,24 +83,80 @@ def scenes(draw: st.DrawFn) -> Scene:
 @given(scenes(), st.sampled_from([0.0, 0.01, FREE]))
 def test_clearances_equal_brute_force(scene: Scene, limit: float) -> None:
     shape, center, radius, hands = scene
-    found = run(shape, tree_of(center, radius), hands, limit)
+    found = run(shape, sphere_tree(center, radius).arrays(), hands, limit)
     for values, expected in zip(found, brute_force(shape, center, radius, hands)):
         np.testing.assert_allclose(values, np.minimum(expected, limit), atol=1e-12)
 
 
-def random_hands(ticks: int, seed: int) -> PlacedHands:
-    rng = np.random.default_rng(seed)
-    turn, position = Rotation.random(ticks, rng=rng), rng.normal(size=(ticks, 3)) * 0.06
-    angles = ((rng.uniform(HAND.flexion_min, HAND.flexion_max), np.zeros(5)) for _ in range(ticks))
-    orientation = turn.as_quat(scalar_first=True)
-    joints = np.array([HAND.joints(p, q, *a) for p, q, a in zip(position, orientation, angles)])
-    return PlacedHands(joints, position, np.ascontiguousarray(turn.as_matrix()))
+RESOLUTION = 1e-4
+HALF = 0.05
+CUBE = trimesh.creation.box((2 * HALF,) * 3)
 
 
-@pytest.mark.parametrize("finger", range(5))
-def test_nan_is_not_freedom(finger: int) -> None:
-    hands = random_hands(3, 5)
-    hands.joints[1, finger, 2, 1] = hands.position[2, 0] = np.nan
-    palm, fingers = run(SHAPE, tree_of(np.zeros((1, 3)), np.array([0.05])), hands, 0.0)
-    assert np.isnan(palm).tolist() == [False, False, True]
-    assert np.argwhere(np.isnan(fingers)).tolist() == [[1, finger]]
+def bvh_of(shape: trimesh.Trimesh) -> MeshBvh:
+    return build_mesh_bvh(np.array(shape.vertices, np.float64), np.array(shape.faces, np.int64))
+
+
+CUBE_BVH = bvh_of(CUBE)
+
+
+def distance(
+    bvh: MeshBvh, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float = np.inf
+) -> float:
+    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
+    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, work)
+
+
+def cube_distance(points: FloatArray) -> FloatArray:
+    """Signed distance of points to the cube in closed form."""
+    over = np.abs(points) - HALF
+    outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
+    return np.asarray(np.where(over.max(axis=1) > 0.0, outside, over.max(axis=1)))
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "radius_a", "radius_b", "expected"),
+    [
+        # Along a face it is as deep as its thick end.
+        *(((0.0, 0.0, HALF + 0.01 - d), (0.03, 0.0, HALF + 0.01 - d), 0.01, 0.008, -d) for d in (-0.003, 0.0, 0.002)),
+        # The axis begins inside.
+        ((0.0, 0.0, 0.03), (0.0, 0.0, 0.08), 0.01, 0.005, -0.03),
+        # One end holds the other.
+        ((0.0, 0.0, 0.06), (0.0, 0.0, 0.06), 0.012, 0.001, -0.002),
+        ((0.0, 0.0, 0.06), (0.0, 0.0, 0.061), 0.012, 0.001, -0.002),
+        # As a damaged file states it: to where no square of a distance is a number.
+        *(((0.0, 0.0, HALF + 0.02), (far, 0.0, far), 0.01, 0.01, 0.01) for far in (1e160, 1e300, np.inf)),
+    ],
+)
+def test_known_distances(
+    a: tuple[float, ...], b: tuple[float, ...], radius_a: float, radius_b: float, expected: float
+) -> None:
+    assert distance(CUBE_BVH, np.array(a), np.array(b), radius_a, radius_b) == pytest.approx(expected, abs=1e-15)
+
+
+def placed(hand: HandModel, height: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Joints (1, 5, 4, 3), position (1, 3) and rotation (1, 3, 3) of an open hand over the origin."""
+    position = np.array([[0.0, -0.05, height]])
+    joints = hand.joints(position[0], [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.1), np.zeros(5))
+    return joints[None], position, np.eye(3)[None]
+
+
+@pytest.mark.parametrize("height", [0.06, 0.072, 0.0])
+def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
+    hand = HandModel.default()
+    joints, position, rotation = placed(hand, height)
+    found = np.empty(1)
+    shape = radius, center, palm_radius = hand_shape(hand)
+    hand_mesh_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, np.inf, RESOLUTION, found)
+    tips = np.empty((1, 5))
+    hand_tip_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, 0.004, RESOLUTION, tips)
+    parts = [cube_distance(center + position[0]) - palm_radius]
+    share = np.linspace(0.0, 1.0, 2001)[:, None]
+    for f in range(5):
+        for k in range(3):
+            axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
+            parts.append(cube_distance(axis) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
+        # Inside it is the ball of the end.
+        expected = parts[-1].min() if parts[-1][-1] >= 0.0 else parts[-1][-1]
+        assert tips[0, f] == pytest.approx(min(expected, 0.004), abs=2e-5)
+    assert found[0] == pytest.approx(float(np.concatenate(parts).min()), abs=2e-5)

@@ -1,6 +1,6 @@
-"""Kinematics against a product of transforms (paper, Eq. 11), finite differences, and the motion bound by sampling."""
+"""Kinematics against products of transforms, and bounds of how far points move, with the hand or past a part."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from hypothesis import given, settings
@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
-from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, HandArrays, forward_kinematics, motion_bounds
-from hhsim.kernels.hand.pose import HAND_POSE
+from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, HandArrays, motion_bounds
+from hhsim.kernels.hand.pose import HAND_POSE, update_kinematics
+from hhsim.kernels.parts.surface import part_dtype, passing
 
 HANDS: dict[Side, HandArrays] = {
     "right": HandModel.default("right").arrays(),
@@ -29,15 +30,6 @@ class Pose(NamedTuple):
     abduction: FloatArray
 
 
-class Placement(NamedTuple):
-    """What the kernel returns."""
-
-    joints: FloatArray
-    direction: FloatArray
-    axis: FloatArray
-    abduction_axis: FloatArray
-
-
 def random_pose(random: np.random.Generator) -> Pose:
     """Angles beyond the joint limits too: the kinematics do not know them."""
     return Pose(
@@ -48,14 +40,16 @@ def random_pose(random: np.random.Generator) -> Pose:
     )
 
 
-def place(hand: HandArrays, pose: Pose) -> Placement:
-    out = Placement(np.empty((5, 4, 3)), np.empty((5, 3, 3)), np.empty((5, 3)), np.empty((5, 3)))
-    matrix = np.ascontiguousarray(pose.rotation.as_matrix())
-    forward_kinematics(hand, pose.position, matrix, pose.flexion, pose.abduction, *out)
-    return out
+def place(hand: HandArrays, pose: Pose) -> Any:
+    """The pose's record, with what the kernels make of it."""
+    at = np.zeros(1, HAND_POSE).view(np.recarray)[0]
+    at.position[:], at.flexion[:], at.abduction[:] = pose.position, pose.flexion, pose.abduction
+    at.orientation[:] = pose.rotation.as_quat(scalar_first=True)
+    update_kinematics(hand, at)
+    return at
 
 
-def moved(pose: Pose, step: FloatArray, abduction_step: FloatArray, share: float = 1.0) -> Pose:
+def moved(pose: Pose, step: FloatArray, abduction_step: FloatArray, share: float) -> Pose:
     """The pose after a share of a step (δp, δφ, δθ), the palm turned by exp(share δφ) from the left."""
     return Pose(
         pose.position + share * step[:3],
@@ -63,17 +57,6 @@ def moved(pose: Pose, step: FloatArray, abduction_step: FloatArray, share: float
         pose.flexion + share * step[6:].reshape(5, 3),
         pose.abduction + share * abduction_step,
     )
-
-
-def bounds(hand: HandArrays, pose: Pose, step: FloatArray, abduction_step: FloatArray) -> FloatArray:
-    """What `motion_bounds` says of a step from a pose, shape (16,)."""
-    at, bound = np.zeros(1, HAND_POSE).view(np.recarray)[0], np.full(BODY_COUNT, np.nan)
-    at.position[:] = pose.position
-    at.rotation[:] = pose.rotation.as_matrix()
-    for name, values in zip(Placement._fields, place(hand, pose)):
-        at[name][:] = values
-    motion_bounds(hand, at, step, abduction_step, 0.0, bound)
-    return bound
 
 
 def transform(rotation: Rotation | FloatArray, translation: FloatArray) -> FloatArray:
@@ -136,7 +119,8 @@ def test_no_point_moves_farther_than_its_bound(seed: int, side: Side, size: floa
     step = step * mask
     if part not in ("all", "abduction"):
         abduction_step = np.zeros(5)
-    bound = bounds(hand, pose, step, abduction_step)
+    bound = np.full(BODY_COUNT, np.nan)
+    motion_bounds(hand, place(hand, pose), step, abduction_step, 0.0, bound)
     share = np.concatenate([[0.0, 1.0], random.uniform(0.0, 1.0, 6)])
     start = body_points(hand, pose, share)
     for moment in (1.0, *random.uniform(0.0, 1.0, 5)):
@@ -144,3 +128,15 @@ def test_no_point_moves_farther_than_its_bound(seed: int, side: Side, size: floa
         for body in range(BODY_COUNT):
             travelled = np.linalg.norm(now[body] - start[body], axis=1).max()
             assert travelled <= moment * bound[body] * (1.0 + 1e-12) + 1e-15
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_a_point_passes_a_part_by_what_it_moves_in_its_frame(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    here, there = Rotation.random(2, rng=random)
+    place, goal, point = random.normal(0.0, 0.1, (3, 3))
+    part: Any = np.zeros(1, part_dtype()).view(np.recarray)[0]
+    part.position[:], part.rotation[:] = place, here.as_matrix()
+    way = np.concatenate([goal, there.as_quat(scalar_first=True)])
+    wanted = np.linalg.norm(here.inv().apply(point - place) - there.inv().apply(point - goal))
+    assert abs(passing(part, way, point) - wanted) < 1e-15 + 1e-12 * wanted

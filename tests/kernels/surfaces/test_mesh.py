@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from contact_scenes import moved
-from mesh_oracle import Cones, along_axes, from_triangles, least_of_features
+from mesh_oracle import Cones, along_axes, from_triangles, least_of_features, random_cones
 from sampled import sampled
-from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, palm_spheres, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray, IntArray
@@ -28,7 +26,6 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
-from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES
 from hhsim.solver.options import SolverOptions
@@ -45,10 +42,6 @@ STACK = np.zeros(STACK_SIZE, np.int64)
 SHAPE = hand_shape(HAND)
 FREE_OF_ROUNDING = 1e-12
 """Of distances of centimetres [m]."""
-
-
-def new_state() -> Any:
-    return tick_state(np.ones(DOF), surface=SURFACES["mesh"])
 
 
 def bodies(motion: HandConfiguration, tick: int = 0) -> Cones:
@@ -134,7 +127,7 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
             inside = clearance(at._replace(position=at.position + middle * way)) < 0.0
             low, high = (middle, high) if inside else (low, middle)
         at = at._replace(position=at.position + high * way)
-        state = new_state()
+        state = tick_state(np.ones(DOF), surface=SURFACES["mesh"])
         gathers_before = int(state.work[COUNT_GATHERS])
         for _ in range(25):
             size = 10.0 ** random.uniform(-5.0, -1.8)
@@ -165,19 +158,6 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
     assert judged > 30
     assert near > 0.5 * judged, "hardly anything was near"
     assert gathers < 0.9 * judged * BODY_COUNT, "the lists never last"
-
-
-@pytest.mark.parametrize("name", OPEN)
-def test_open_meshes_by_search_over_their_triangles(name: str) -> None:
-    vertices, faces = OPEN[name]()
-    mesh, _ = mesh_features(vertices, faces, closed=False)
-    random = np.random.default_rng(2)
-    for _ in range(3):
-        motion = still(random.normal(0.0, 0.06, 3), Rotation.random(rng=random).as_quat(scalar_first=True))
-        cones, expected = bodies(motion), least_by_search(motion, vertices[faces])
-        for i in range(len(cones.a)):
-            found = cone_distance(mesh, cones.kernel(i), np.inf, STACK)
-            assert found == pytest.approx(expected[i], abs=FREE_OF_ROUNDING)
 
 
 @pytest.mark.parametrize(
@@ -214,6 +194,37 @@ def test_no_hand_enters_a_mesh_or_gets_stuck_at_it(name: str, method: str, ticks
         touched += int((clearance < 1e-5).sum())
     # A hand that keeps away would pass for free.
     assert touched > 0.1 * len(clearance) * ticks / 1000
+
+
+def random_triangles(random: np.random.Generator, count: int) -> FloatArray:
+    """Of centimetres, and no slivers: their least height is above 3 % of the longest side."""
+    found = np.empty((0, 3, 3))
+    while len(found) < count:
+        corners = random.normal(0.0, 0.02, (count, 3, 3))
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        found = np.concatenate([found, corners[area > 0.03 * sides**2]])
+    return found[:count]
+
+
+@pytest.mark.parametrize(("count", "seed"), sampled([(600, 1), (100_000, 2)], lambda place, _: place == 0))
+def test_a_cone_and_a_triangle_by_search_along_its_axis(count: int, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    corners, cones = random_triangles(random, count), random_cones(random, count)
+    expected = along_axes(cones, from_triangles(corners))
+    axes = Cones(cones.a, cones.b, np.zeros(count), np.zeros(count))
+    # There a distance has a kink.
+    through = along_axes(axes, from_triangles(corners)) < 1e-6
+    for i in range(count):
+        mesh, _ = mesh_features(corners[i], np.array([[0, 1, 2]]), closed=False)
+        found = cone_distance(mesh, cones.kernel(i), np.inf, STACK)
+        assert found == pytest.approx(expected[i], abs=FREE_OF_ROUNDING)
+        least = least_of_features(mesh, cones.kernel(i))
+        # Where the axis goes through, a face knows nothing of it: it is never asked about a body that deep.
+        assert least >= expected[i] - FREE_OF_ROUNDING
+        if not through[i]:
+            assert least == pytest.approx(expected[i], abs=FREE_OF_ROUNDING)
+    assert 0.004 * count < through.sum() < 0.5 * count
 
 
 def box_distance(points: FloatArray, half: float) -> FloatArray:

@@ -1,12 +1,14 @@
-"""One tick: what it takes, what it does without contact, what it never does, and the bits that it reports."""
+"""One tick: what it takes, never does, and reports; method `penalty` by closed forms and the energy by brute force."""
 
 from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import moved
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance
+from scipy.spatial.transform import Rotation
+from sphere_scenes import brute_pairs, bumpy_ball, object_tree, random_targets, record_clearance, sphere_tree
 
 from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.model import HandModel
@@ -20,7 +22,7 @@ from hhsim.kernels.tick.state import (
 )
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import TOUCH, SolverOptions
+from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default("right")
@@ -118,3 +120,119 @@ def test_what_a_tick_counts(method: str) -> None:
     lag = record.status & STATUS_LAG > 0
     np.testing.assert_array_equal(record.lag[lag] > 0.0, True)
     assert not record.status[-1]
+
+
+FINE_BALL = bumpy_ball(600)
+GRASP = still([0.0, -0.045, 0.052], flexion=0.5)
+FAR = sphere_tree(np.array([[0.0, 0.0, 100.0]]), np.array([0.01]))
+
+
+def solver_of(tree: SphereTree, **options: Any) -> HandSolver:
+    return HandSolver(HAND, tree.arrays(), SolverOptions(method="penalty", **options))
+
+
+def onto_the_ball(ticks: int = 400) -> HandConfiguration:
+    return still(FREE).line(GRASP, 199).hold(ticks)
+
+
+def shown(record: Any, tick: int) -> HandConfiguration:
+    """The graphic hand of one tick."""
+    return HandConfiguration.of(record).part(tick, tick + 1)
+
+
+def rigid(contact: float, translation: float = 1000.0) -> Stiffness:
+    """A hand that gives way in translation only."""
+    return Stiffness(translation=translation, rotation=1e12, flexion=1e12, penalty=contact)
+
+
+@given(st.floats(1e2, 1e6), st.floats(1e2, 1e4), st.floats(1e-5, 2e-3), st.integers(1, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=30)
+def test_the_depth_of_one_contact_is_that_of_two_springs_in_a_row(
+    contact: float, coupling: float, command: float, spheres: int, seed: int
+) -> None:
+    # A command that is `command` deep along the normal: k_t (command - depth) = n k depth, whatever the masses are.
+    random = np.random.default_rng(seed)
+    flexion = random.uniform(0.0, 0.5, (5, 3))
+    turn = Rotation.random(random_state=random).as_quat(scalar_first=True)
+    joints = HAND.joints(np.zeros(3), turn, flexion, np.zeros(5))
+    along = joints[1, 3] - joints[1, 2]
+    normal = along / np.linalg.norm(along)
+    radius = 0.004
+    center = joints[1, 3] + (HAND.radius[1, 3] + radius) * normal
+    tree = sphere_tree(np.repeat(center[None], spheres, axis=0), np.full(spheres, radius))
+    solver = solver_of(tree, stiffness=rigid(contact, coupling))
+    record = solver.run(
+        *sequence(still(-0.02 * normal, turn, flexion), still(command * normal, turn, flexion, ticks=400))
+    )
+    depth = command * coupling / (coupling + spheres * contact)
+    assert normal @ record.position[-1] == pytest.approx(depth, rel=1e-6)
+    np.testing.assert_allclose(record.total[-1], -spheres * contact * depth * normal, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(record.phalanx[-1, 1, 2], record.total[-1], rtol=1e-12)
+    assert record.work[-1, WORK_TOUCHING] == spheres
+
+
+@pytest.mark.parametrize("response", [2e-4, 1e-3, 7e-3])
+@pytest.mark.parametrize("period", [1e-3, 2e-4])
+def test_in_free_space_every_degree_of_freedom_follows_critically_damped(response: float, period: float) -> None:
+    # Backward Euler of x'' τ² + 2 τ x' + x = 1 has the double root τ / (τ + h).
+    solver = solver_of(FAR, response=response, period=period)
+    turn = Rotation.from_rotvec([0.0, 0.3, 0.0]).as_quat(scalar_first=True)
+    goal = still([0.01, -0.02, 0.03], turn, 0.4, 0.1)
+    solver.run(*still(np.zeros(3)))
+    record = solver.run(*goal.hold(59))
+    tick = np.arange(1, 61)
+    left = (1.0 + tick * period / (response + period)) * (response / (response + period)) ** tick
+    np.testing.assert_allclose(record.position, (1.0 - left)[:, None] * goal.position, atol=1e-12)
+    np.testing.assert_allclose(record.flexion, (1.0 - left)[:, None, None] * goal.flexion[:1], atol=1e-12)
+    angle = 2.0 * np.arctan2(record.orientation[:, 2], record.orientation[:, 0])
+    np.testing.assert_allclose(angle, 0.3 * (1.0 - left), atol=1e-12)
+    np.testing.assert_array_equal(record.abduction, np.full((60, 5), 0.1))
+
+
+def energy(tree: SphereTree, options: SolverOptions, wanted: HandConfiguration, found: HandConfiguration) -> float:
+    """Potential energy [J] of coupling and contacts, by brute force over all pairs."""
+    turn = Rotation.from_quat(wanted.orientation[0], scalar_first=True)
+    turn *= Rotation.from_quat(found.orientation[0], scalar_first=True).inv()
+    bend = (wanted.flexion[0] - found.flexion[0]).ravel()
+    off = np.concatenate([wanted.position[0] - found.position[0], turn.as_rotvec(), bend])
+    depth = np.maximum(0.0, -brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, found))
+    coupling = options.stiffness.diagonal() @ off**2
+    return float(0.5 * (coupling + options.stiffness.penalty * np.sum(depth**2)))
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5])
+def test_at_rest_forces_balance_the_coupling_and_the_energy_is_least(stiffness: float) -> None:
+    options = SolverOptions(method="penalty", stiffness=Stiffness(penalty=stiffness))
+    solver = HandSolver(HAND, FINE_BALL.arrays(), options)
+    motion = onto_the_ball(1500)
+    record = solver.run(*motion)
+    assert np.linalg.norm(record.total[-1]) > 1.0
+    np.testing.assert_allclose(record.total[-1], record.palm_wrench[-1, :3], atol=1e-6)
+    np.testing.assert_allclose(record.phalanx[-1].sum(axis=(0, 1)), record.total[-1], atol=1e-6)
+    wanted, found = motion.part(len(motion.position) - 1, len(motion.position)), shown(record, -2)
+    limited = np.isclose(found.flexion[0], HAND.flexion_min) | np.isclose(found.flexion[0], HAND.flexion_max)
+    assert np.count_nonzero(limited) <= 1
+    for variable in range(21):
+        if variable >= 6 and limited.ravel()[variable - 6]:
+            continue
+        # So short, since a contact may be this near to letting go, where the energy's curvature jumps.
+        step = 1e-8
+        up, down = (
+            energy(FINE_BALL, options, wanted, moved(found, sign * step * np.eye(21)[variable])) for sign in (1.0, -1.0)
+        )
+        assert abs(up - down) / (2.0 * step) < 1e-5, variable
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("options", [{}, {"linearisations": 1}, {"stiffness": Stiffness(penalty=1e7)}])
+def test_random_targets_leave_the_hand_finite_and_near(options: dict[str, Any], seed: int) -> None:
+    solver = solver_of(FINE_BALL, **options)
+    motion = random_targets(HAND, 1800, seed, sweep=True)
+    record = solver.run(*motion)
+    for values in record:
+        assert np.isfinite(values).all()
+    assert np.linalg.norm(record.position, axis=1).max() < 0.5
+    assert (record.flexion >= HAND.flexion_min - 1e-12).all()
+    assert (record.flexion <= HAND.flexion_max + 1e-12).all()
+    np.testing.assert_allclose(np.linalg.norm(record.orientation, axis=1), 1.0, atol=1e-12)
+    assert (record.status & ~STATUS_START_INSIDE == 0).all()

@@ -1,5 +1,6 @@
-"""The energy that a free object and the hand's springs gain: by hand, where it is planted, and none in replays."""
+"""Figures of a run: force and energy by hand and planted, and what is said of a free object."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from hhsim.kernels.tick.state import STATUS_LAG
 from hhsim.metrics.run.free_object import energy_gains
 from hhsim.metrics.run.registry import run_figure
 from hhsim.metrics.run_ticks import FreeRun, RunTicks
-from hhsim.motion.trajectory import ObjectMotion
+from hhsim.motion.trajectory import ObjectMotion, TickPhase
 from hhsim.replay.replay import replay_scene
 from hhsim.solver.options import SolverOptions, Stiffness
 
@@ -141,3 +142,104 @@ def test_a_grasp_gains_none_however_light_the_object_is(
     scene = replace(scene, bodies=(replace(scene.solids[0], torsion=0.0), *scene.bodies[1:]))
     found = replay_scene(scene, SolverOptions(surface=surface), tmp_path / "light.h5").attributes()
     assert found["energy_gained"] == 0.0
+
+
+SIZE = np.array([0.0, 0.0, 2.0, 3.0, 3.0, 0.0])
+TOUCHING = np.array([0, 1, 2, 2, 1, 0])
+
+
+def run(scale: float = 1.0, breaks: np.ndarray | None = None, opposed: float = 0.0) -> RunTicks:
+    force, phalanx = np.zeros((6, 3)), np.zeros((6, 5, 3, 3))
+    force[:, 1] = scale * SIZE
+    phalanx[2:5, 0, 2, 0], phalanx[2:5, 1, 2, 0] = opposed, -opposed
+    variation = np.array([np.nan, np.nan, np.nan, 50.0, 0.0, 100.0])
+    columns = {"force/total": force, "force/phalanx": phalanx, "contacts/touching": TOUCHING}
+    columns["force_variation_rate"] = variation
+    return RunTicks(columns, 6, (), 1000.0, 5, breaks=breaks)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        # Four ticks touch, the first of them without a force yet.
+        ("force_contact_mean", 2.0),
+        ("force_contact_max", 3.0),
+        ("force_contact_step", 3.0),
+        ("force_contact_step_share", 150.0),
+        ("force_variation_contact", 25.0),
+    ],
+)
+def test_figures_of_a_motion_without_a_hold(name: str, value: float) -> None:
+    assert run_figure(name, run()) == value
+
+
+def test_a_step_is_compared_with_what_fingers_press_whichever_way() -> None:
+    # Thumb and index finger press with 2 N each in three of the four ticks, and leave no total.
+    assert run_figure("force_contact_step_share", run(opposed=2.0)) == pytest.approx(100.0 * 3.0 / (2.0 + 3.0))
+
+
+def test_a_force_is_a_touch_though_nothing_is_within_10_um() -> None:
+    columns = {"force/total": np.array([[0.0, 0.0, 4.0]]), "contacts/touching": np.array([0])}
+    assert run_figure("force_contact_mean", RunTicks(columns, 1, (), 1000.0, 5)) == 4.0
+
+
+def test_what_the_recorder_lost_is_no_step() -> None:
+    assert run_figure("force_contact_step", run(breaks=np.array([0, 0, 0, 0, 0, 1], bool))) == 2.0
+
+
+def test_of_next_to_no_force_there_is_no_share() -> None:
+    assert math.isnan(run_figure("force_contact_step_share", run(1e-3)))
+    assert run_figure("force_contact_step", run(1e-3)) == pytest.approx(3e-3)
+    assert math.isnan(run_figure("force_contact_mean", run(0.0))) is False
+
+
+TICKS = 10
+PALM = np.outer(np.clip(np.arange(TICKS) - 2.0, 0.0, None), [0.0, 0.0, 0.01])
+
+
+def free_run(share: float) -> FreeRun:
+    """An object that comes along by a share of the palm's way, with two contacts that slip and one of the table."""
+    body = {"position": share * PALM, "orientation": np.tile([1.0, 0.0, 0.0, 0.0], (TICKS, 1))}
+    contacts: dict[str, Any] = {
+        "tick": np.array([3, 4, 5, 5]),
+        "body": np.array([-1, 5, 2, 15]),
+        "slip": np.array([1e-3, 1e-7, 2e-6, 3e-6]),
+    }
+    properties = {
+        "mass": 0.1,
+        "gravity": (0.0, 0.0, -10.0),
+        "center": (0.0, 0.0, 0.0),
+        "friction": 0.5,
+        "torsion": 0.0,
+        "table_friction": 0.2,
+    }
+    first = ObjectMotion(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    return FreeRun(body, contacts, properties, first, np.ones(21), 0.0)
+
+
+def test_friction_is_told_as_a_share_of_what_can_be_borne() -> None:
+    free = free_run(1.0)
+    free.contacts.update({  # type: ignore[attr-defined]
+        "friction_force": np.array([[9.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4], [0.0, 0.2, 0.0]]),
+        "normal_force": np.array([1.0, 1.0, 1.0, 0.5]),
+        "torsional_moment": np.array([0.0, 0.0, 6e-3, 0.0]),
+    })  # fmt: skip
+    free.properties.update(torsion=0.01)  # type: ignore[attr-defined]
+    # What the table bears is left out; of tick 5 it is the contact nearest to its limit.
+    assert free.friction_share == pytest.approx([0.0] * 4 + [0.6, 1.0] + [0.0] * 4)
+
+
+def test_creep_is_the_slip_of_contacts_in_a_hold_and_no_swing() -> None:
+    free = free_run(1.0)
+    free.body.update({"hand_wrench": np.ones((TICKS, 6))})  # type: ignore[attr-defined]
+    ticks = RunTicks({}, TICKS, (TickPhase("hold", 0, 9),), 1000.0, 5, free=free)
+    # The palm slips most in the hold's second half; the object goes 10 mm a tick with the hand.
+    assert run_figure("object_creep", ticks) == pytest.approx(3e-6 * 1000.0 / 5)
+    assert run_figure("object_slip", ticks) == pytest.approx(3e-6)
+
+
+def test_weight_friction_and_way_are_those_of_the_object() -> None:
+    free = free_run(1.0)
+    assert free.friction.tolist() == [0.2, 0.5, 0.5, 0.5]
+    assert free.of_hand.tolist() == [False, True, True, True]
+    assert free.center[-1] == pytest.approx([0.0, 0.0, 0.07])
