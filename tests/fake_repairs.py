@@ -3,7 +3,6 @@
 import os
 import shutil
 import struct
-import sys
 import time
 import zlib
 from pathlib import Path
@@ -29,8 +28,6 @@ def repaired(request: RepairRequest) -> RepairOutcome:
             os._exit(3)
         case "hang":
             time.sleep(1e4)
-        case "slow":
-            time.sleep(0.1)
         case "nothing":
             return RepairOutcome({}, 1, (), "unchanged", ok=True)
     shutil.copy(request.recording, request.out)
@@ -80,9 +77,3 @@ def tree(folder: Path) -> dict[str, bytes]:
 def run(path: Path, out: Path, workers: int = 1) -> BatchOutcome:
     """Run the repairs of a manifest."""
     return run_manifest(path, out, repaired, workers=workers)
-
-
-if __name__ == "__main__":
-    import fake_repairs
-
-    fake_repairs.run(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))

@@ -1,4 +1,4 @@
-"""`hhsim compare` and `hhsim export` as users meet them."""
+"""`hhsim compare`, `hhsim export` and `hhsim view` as users meet them."""
 
 import shutil
 from pathlib import Path
@@ -66,3 +66,16 @@ def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
     lines = (tmp_path / "ticks.csv").read_text().splitlines()
     assert len(lines) == 201
     assert lines[0] == "tick,time [s],force/total[0] [N],force/total[1] [N],force/total[2] [N]"
+
+
+def test_a_result_is_looked_at_and_filmed(run: Run, results: Path, tmp_path: Path) -> None:
+    result = str(results / "coupled.h5")
+    answer = run("view", result, "--rerun", "again.rrd", "--every", "10", "--spheres")
+    assert answer == (0, "20 of 200 ticks went to again.rrd\n", "")
+    document = run("view", result, "--rerun", "again.rrd", "--json").document()
+    assert document["seconds"] > 0.0
+    expected = {"result": result, "ticks": 200, "shown_ticks": 200, "rerun": "again.rrd"}
+    assert expected.items() <= document.items()
+    answer = run("view", result, "--video", "short.gif", "--pixels", "160")
+    assert answer == (0, "6 frames of 200 ticks, 0.2 s, in short.gif\n", "")
+    assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")

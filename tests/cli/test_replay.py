@@ -35,8 +35,9 @@ def hhsim(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("surface", ["spheres", "mesh"])
 def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path, short: Path, surface: str) -> None:
-    answer = run("replay", "cube", short.name, "--surface", surface, "--level", "2")
+    answer = run("replay", "cube", short.name, "--surface", surface, "--level", "2", "--rerun", "short.rrd")
     assert answer.code == 0, answer.err
+    assert (tmp_path / "short.rrd").stat().st_size > 10_000
     (path,) = (tmp_path / "results").iterdir()
     mesh = surface == "mesh"
     assert path.name.endswith("-cube-short-coupled-mesh.h5" if mesh else "-cube-short-coupled.h5")
@@ -54,6 +55,7 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
     assert result["penetration_depth"].max() <= 1e-6
 
 
+@pytest.mark.soak
 def test_the_same_input_gives_the_same_bytes_but_for_the_timings(run: Run, tmp_path: Path, short: Path) -> None:
     arguments = ("replay", "rock", short.name, "--level", "2", "--tremor", "0.1,0.2", "--quiet", "--out")
     # Once in this process, which has run other things, and once in a new one.

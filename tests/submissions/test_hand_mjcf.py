@@ -56,22 +56,6 @@ def test_mjcf_has_the_joints_where_hhsim_has_them(side: Side) -> None:
         assert np.abs(_joint_centres(found.__getitem__) - wanted).max() < 1e-12
 
 
-@pytest.mark.parametrize("side", SIDES)
-def test_mujoco_has_the_joints_where_hhsim_has_them(side: Side) -> None:
-    mujoco = pytest.importorskip("mujoco")
-    hand = HandModel.default(side)
-    model = mujoco.MjModel.from_xml_string(hand_mjcf(hand))
-    data = mujoco.MjData(model)
-    for position, orientation, flexion, abduction in _poses(hand, 20):
-        data.joint("palm").qpos[:] = [*position, *orientation]
-        for name, angle in zip(JOINTS, joint_angles(flexion, abduction)):
-            data.joint(name).qpos[0] = angle
-        mujoco.mj_forward(model, data)
-        found = _joint_centres(lambda name: (data.site if name.endswith("tip") else data.body)(name).xpos)
-        assert np.abs(found - hand.joints(position, orientation, flexion, abduction)).max() < 1e-9
-        assert data.ncon == 0, "the hand does not collide with itself"
-
-
 def _mjcf_frames(
     body: Xml.Element, angles: dict[str, float], turn: FloatArray, place: FloatArray
 ) -> dict[str, FloatArray]:

@@ -156,6 +156,7 @@ def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tupl
     assert (np.ptp(recorded[:, 0, 1]) if parts.driven else np.ptp(moved)) > 0.05
 
 
+@pytest.mark.quick("drawer")
 def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
     _, folder, result = replayed
     first, *others = json.loads((folder / "scene.json").read_text())["bodies"]

@@ -109,7 +109,7 @@ def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_cla
     assert labels[:3] == ["penetration_max", "mesh_depth_max", "contact_error_max"]
     assert {"off_best_mean", "off_best_max"} < set(labels)
     assert result.scene["submission"]["suspicions"] == []
-    assert not [claim.name for claim in verify(result, every=20).claims if claim.failed]
+    assert not [claim.name for claim in verify(result, every=60).claims if claim.failed]
 
 
 @pytest.mark.soak

@@ -321,28 +321,23 @@ def skin_of(result: Result) -> np.ndarray:
     return np.asarray(BALL.vertices + result["graphic/position"][:, None])
 
 
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    return short_result(tmp_path_factory.mktemp("bare") / "bare.h5", short_grasp(hold=0.03))
-
-
 @pytest.fixture
-def skinned(bare: Result, tmp_path: Path) -> Result:
-    path = Path(shutil.copy(bare.path, tmp_path / "skin.h5"))
-    add_skin(path, skin_of(bare), BALL.faces)
+def skinned(result: Result, tmp_path: Path) -> Result:
+    path = Path(shutil.copy(result.path, tmp_path / "skin.h5"))
+    add_skin(path, skin_of(result), BALL.faces)
     return load_result(path)
 
 
-def test_a_skin_is_read_back_and_all_else_stays(bare: Result, skinned: Result) -> None:
-    assert bare.skin_faces is None and skinned.complete
+def test_a_skin_is_read_back_and_all_else_stays(result: Result, skinned: Result) -> None:
+    assert result.skin_faces is None and skinned.complete
     assert skinned.skin_faces is not None
     np.testing.assert_array_equal(skinned.skin_faces, BALL.faces)
-    expected = skin_of(bare).astype(np.float32)
+    expected = skin_of(result).astype(np.float32)
     np.testing.assert_array_equal(skinned.skin(slice(None)), expected)
     np.testing.assert_array_equal(skinned.skin(slice(3, 20, 5)), expected[3:20:5])
-    assert skinned.keys() == bare.keys()
+    assert skinned.keys() == result.keys()
     for name in ("graphic/position", "force/total", "status"):
-        np.testing.assert_array_equal(skinned[name], bare[name])
+        np.testing.assert_array_equal(skinned[name], result[name])
 
 
 def test_a_skin_beside_a_moving_object_is_seen_from_it(tmp_path: Path) -> None:
@@ -374,13 +369,13 @@ def test_a_skin_that_does_not_fit_is_damage(skinned: Result, fault: str) -> None
         _ = load_result(skinned.path).skin_faces
 
 
-def test_what_cannot_be_stored_is_told(bare: Result, skinned: Result, tmp_path: Path) -> None:
+def test_what_cannot_be_stored_is_told(result: Result, skinned: Result, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="cannot write"):
-        add_skin(tmp_path / "none.h5", skin_of(bare), BALL.faces)
-    add_skin(skinned.path, 2.0 * skin_of(bare), BALL.faces[:9])
+        add_skin(tmp_path / "none.h5", skin_of(result), BALL.faces)
+    add_skin(skinned.path, 2.0 * skin_of(result), BALL.faces[:9])
     again = load_result(skinned.path)
     assert again.skin_faces is not None and len(again.skin_faces) == 9
-    np.testing.assert_array_equal(again.skin(slice(None)), (2.0 * skin_of(bare)).astype(np.float32))
+    np.testing.assert_array_equal(again.skin(slice(None)), (2.0 * skin_of(result)).astype(np.float32))
 
 
 def test_pictures_show_the_skin(skinned: Result) -> None:

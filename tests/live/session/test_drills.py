@@ -10,6 +10,7 @@ The faults that a session survives are held in one session; a drill that fails t
 
 import json
 import os
+import re
 import resource
 import signal
 import socket
@@ -44,6 +45,7 @@ from own_command import HHSIM
 from renewed import Renewed
 from sampled import sampled
 
+from hhsim.hand.model import SIDES
 from hhsim.kernels.live.plausibility import TRUST
 from hhsim.live.processes import Stage
 from hhsim.live.session.supervisor import LOOP, RECORDER, WATCHDOG
@@ -297,9 +299,20 @@ def test_a_process_is_killed_that_ends_the_session(tmp_path: Path) -> None:
     assert not result.complete and result.ticks > ENOUGH and np.isfinite(result["graphic/position"]).all()
 
 
+@pytest.mark.soak
+def test_the_watchdog_of_two_gloves_frees_both(tmp_path: Path) -> None:
+    with Drill(tmp_path, SIDES, recorded=False) as drill:
+        drill.grasp()
+        killed = drill.kill(LOOP)
+        drill.let_it_end(killed)
+        for glove in drill.gloves:
+            assert_told_free(glove.commands, killed)
+    assert re.match("the session ended early: the loop .*SIGKILL", drill.session.end().error)
+
+
 @pytest.mark.parametrize("number", [KILL, STOP], ids=lambda number: number.name)
 @pytest.mark.parametrize("process", [LOOP, WATCHDOG, RECORDER])
-@pytest.mark.quick("loop-SIGSTOP")
+@pytest.mark.soak
 def test_a_process_is_lost_while_the_session_ends(tmp_path: Path, process: str, number: signal.Signals) -> None:
     """The user ends the session, and in the same moment a process is killed or stopped, for a second."""
     with Drill(tmp_path) as drill:

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from live_scripted import FakeAccounts, FakeClock, InStep
 from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.errors import InputError
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.live.device import DeviceError
 from hhsim.live.drivers.played import SimGlove
@@ -116,3 +118,11 @@ def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     for hand in result.hands.values():
         assert not hand["live/tick/command_stiffness"][lost].any()
     assert not memory.beside.status["device_lost"]
+
+
+def test_setups_that_do_not_go_together_are_refused() -> None:
+    right, left = (scene_of_hand(side, free=False) for side in SIDES)
+    (hand,) = left.scene.hands
+    moved = replace(hand, trajectory=replace(hand.trajectory, object_position=np.ones(3)))
+    with pytest.raises(InputError, match="not the same object"):
+        right.both(left._replace(scene=replace(left.scene, hands=(moved,))))
