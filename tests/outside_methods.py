@@ -1,6 +1,7 @@
 """Methods from outside, right and wrong, that tests name as `outside_methods:Class`."""
 
 import itertools
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -154,6 +155,11 @@ class Raises(Follow):
         if self.ticks == 3:
             raise ZeroDivisionError("of no\nuse")
         return haptic
+
+
+class Crashes(Follow):
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        os._exit(3)
 
 
 class CannotBeMade(Follow):

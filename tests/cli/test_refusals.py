@@ -4,23 +4,13 @@ import shlex
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import Run
 from joint_samples import joint_sample, openxr_csv
 from linkage_samples import BOX, joint, link, urdf
+from recording_samples import write_descent
 from robot_arms import write_arm
 from short_grasp import short_result
-
-from hhsim.motion.file import save_trajectory
-from hhsim.motion.trajectory import Trajectory
-
-
-def write_motion(path: Path, count: int = 50) -> None:
-    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    motion = np.arange(count) / 100.0, np.zeros((count, 3)), level, np.zeros((count, 5, 3)), np.zeros((count, 5))
-    save_trajectory(Trajectory(*motion, name="motion"), path)
-
 
 POT = urdf(
     link("block", BOX.format("0.06 0.06 0.06")), link("lid", BOX.format("0.06 0.06 0.01")), joint("block", "lid")
@@ -30,8 +20,8 @@ FILES: dict[str, str | Callable[[Path], object]] = {
     "notes.sph": "no tree",
     "mine.html": "mine",
     "one.npz": "",
-    "motion.h5": write_motion,
-    "motion.csv": write_motion,
+    "motion.h5": write_descent,
+    "motion.csv": write_descent,
     "other.csv": "t,x\n0,1\n",
     "empty.csv": "",
     "quest.csv": openxr_csv(joint_sample()),

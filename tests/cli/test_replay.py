@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from conftest import Run, Terminal
 from own_command import HHSIM
+from recording_samples import write_descent
 from sampled import sampled
 from short_grasp import short_grasp_text
 
@@ -94,22 +95,6 @@ def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(
     assert with_json.code == 1 and json.loads(with_json.out)["verdict"]["mostly_stuck"] is True
 
 
-def write_recording(path: Path) -> None:
-    from hhsim.motion.file import save_trajectory
-    from hhsim.motion.trajectory import Trajectory
-
-    count = 50
-    trajectory = Trajectory(
-        time=np.arange(count) / 100.0,
-        position=np.column_stack([np.zeros(count), np.zeros(count), np.linspace(0.2, 0.1, count)]),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-        flexion=np.zeros((count, 5, 3)),
-        abduction=np.zeros((count, 5)),
-        name="motion",
-    )
-    save_trajectory(trajectory, path)
-
-
 @pytest.mark.parametrize(
     ("suffix", "samples"),
     sampled(
@@ -118,7 +103,7 @@ def write_recording(path: Path) -> None:
     ),
 )
 def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: str, samples: str) -> None:
-    write_recording(tmp_path / f"motion{suffix}")
+    write_descent(tmp_path / f"motion{suffix}")
     command = ("replay", "cube", f"motion{suffix}", "--samples", samples, "--level", "2")
     answer = run(*command, "--out", "run.h5", "--quiet")
     assert answer == (0, "", "")

@@ -3,27 +3,20 @@
 import json
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from conftest import Answer, Run
-from file_faults import Fault, at, attribute
 from gate_scene import SHORT
-from live_session import write_session
 from own_command import HHSIM
 from sampled import sampled
-from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
 from hhsim.gate.verdict import LOST
-from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
-from hhsim.result.safety import Safety
 
 pytestmark = pytest.mark.slow
 
@@ -207,17 +200,6 @@ def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate:
 
 
 @pytest.mark.soak
-def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
-    only(head, "recording")
-    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n"
-    (head / "recording.csv").write_text(pointer)
-    answer = gate(head)
-    assert answer.code == 2
-    assert (answer.out + answer.err).count("git lfs pull") == 1
-    assert "hhsim: error: recording: " in answer.err and sys.executable not in answer.err
-
-
-@pytest.mark.soak
 def test_a_scene_that_the_base_lacks_is_judged_by_its_limits(
     project: Path, head: Path, tmp_path: Path, gate: Gate
 ) -> None:
@@ -262,30 +244,3 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     assert exit_code == 0 and b"penetration, max" in out
     (row,) = (row for row in gate_result(load_result(path)).rows if row.name == "penetration_max")
     assert row.limit == 1e-6, "its file says that the method promises it"
-
-
-def malformed(file: h5py.File) -> None:
-    counters = json.loads(file["hands/right/live"].attrs["counters"])
-    file["hands/right/live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
-
-
-SOME = slice(50, 60)
-IN_SESSIONS: dict[Fault, str] = {
-    at("stuck", "hands/right/tick/status", SOME, lambda x: x | STATUS_STUCK): "stuck_ticks",
-    at("lag", "hands/right/tick/status", SOME, lambda x: x | STATUS_LAG): "lag_ticks",
-    attribute("killed", "hands/right/live", "ended", lambda x: "the loop failed or was killed"): "ended_early",
-    malformed: "malformed_share",
-    at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT)): "freed_share",
-}
-
-
-@pytest.mark.soak
-def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "session.h5"
-    write_session(path)
-    assert not {row.name for row in gate_result(load_result(path)).missed} & set(IN_SESSIONS.values())
-    for fault, figure in IN_SESSIONS.items():
-        shutil.copy(path, tmp_path / "faulty.h5")
-        with changed(tmp_path / "faulty.h5") as file:
-            fault(file)
-        assert figure in {row.name for row in gate_result(load_result(tmp_path / "faulty.h5")).missed}

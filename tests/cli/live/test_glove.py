@@ -1,16 +1,10 @@
 """`hhsim live glove` as its users meet it."""
 
 import contextlib
-import fcntl
 import json
-import os
-import pty
-import re
-import select
 import signal
 import subprocess
 import termios
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +12,7 @@ import pytest
 from conftest import Run
 from live_peers import PATIENCE, until
 from machine_share import Late, keeps_time
-from own_command import HHSIM
+from own_command import HHSIM, Terminal
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
@@ -125,50 +119,26 @@ def completed(path: Path) -> bool:
 
 @pytest.mark.soak
 def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
-    end, line = pty.openpty()
-    before = termios.tcgetattr(line)
     arguments = ["live", "glove", "cube", "--device", "sim", "--pose", "keyboard", "--rate", "250"]
     (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
     arguments += ["--out", "session.h5", "--hand-file", "me.toml", "--hand", "left"]
-    process = subprocess.Popen(
-        [*HHSIM, *arguments],
-        stdin=line,
-        stdout=line,
-        stderr=line,
-        cwd=tmp_path,
-        start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-    )
-    shown = ""
-
-    def until_shown(text: str) -> None:
-        nonlocal shown
-        limit = time.monotonic() + PATIENCE
-        while text not in shown:
-            assert time.monotonic() < limit, shown
-            if select.select([end], [], [], 0.1)[0]:
-                with contextlib.suppress(OSError):
-                    shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(end, 65_536).decode("utf-8", "replace"))
-
-    until_shown("ticks missed")
-    os.write(end, b"wwr")
-    hand, item = HandModel.from_toml(tmp_path / "me.toml", "left"), load_object("cube")
-    home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
-    x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
-    until_shown(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
-    os.write(end, b"q")
-    until_shown("runs it again")
-    assert process.wait(PATIENCE) == 0
-    assert termios.tcgetattr(line) == before
-    assert "force [N]" in shown
-    assert "a key" in shown
+    with contextlib.closing(Terminal(*HHSIM, *arguments, cwd=tmp_path)) as terminal:
+        terminal.until("ticks missed")
+        terminal.type(b"wwr")
+        hand, item = HandModel.from_toml(tmp_path / "me.toml", "left"), load_object("cube")
+        home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
+        x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
+        terminal.until(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
+        terminal.type(b"q")
+        shown = terminal.until("runs it again")
+        assert terminal.process.wait(PATIENCE) == 0
+        assert termios.tcgetattr(terminal.line) == terminal.before
+    assert "force [N]" in shown and "a key" in shown
     result = load_result(tmp_path / "session.h5")
     hand, haptic = stored_hand(result), result["haptic/position"]
     assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
     np.testing.assert_allclose(haptic[0], home, atol=1e-12)
     np.testing.assert_allclose(haptic[-1], home + [0.0, 0.004, 0.002], atol=1e-12)
-    os.close(end)
-    os.close(line)
 
 
 def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,10 +10,9 @@ from live_scripted import CLOSING, FIST, FREE, QUICK, Moment, ScriptedSession
 from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.deadlines import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.live.device import FORCES, DeviceError
+from hhsim.live.device import DeviceError
 from hhsim.live.drivers.poses import NO_POSE, FixedPose, Pose, PoseSource
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader, Stage
@@ -42,6 +41,7 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end(held: ScriptedSess
     assert ticks["command_stiffness"][100].max() == 0.3
     assert ticks["safety"].tolist() == [*[0] * 120, Safety.STOPPING]
     assert (sent[-1].stiffness == 0.0).all() and len(held.glove.released) == 1
+    assert not np.any([command.force for command in sent]), "it takes limits"
     assert ticks["tick"].tolist() == ticks["input_seq"].tolist() == list(range(121))
     assert np.abs(np.diff(ticks["time_ns"]) - PERIOD).max() <= LARGEST_SHIFT * PERIOD, "towards the samples"
     assert (ticks["latency_ns"] >= 0).all()
@@ -80,18 +80,6 @@ def test_ticks_begin_with_their_samples_and_one_that_is_late_delays_no_others() 
     assert early_ticks(0, 60)[60:] == [0, 750_000, *[400_000] * 58]
     # Where no other sample follows soon, it is taken as soon as a tick can be due.
     assert early_ticks(4, 60)[58:67] == [0, 0, 0, 750_000, 0, 0, 0, 400_000, 0]
-
-
-def test_a_glove_that_takes_forces_is_told_those_of_the_tick(held: ScriptedSession) -> None:
-    assert not np.any([command.force for command in held.glove.commands])
-    session = ScriptedSession(HOLDING, takes=FORCES).run()
-    told = [command.force for command in session.glove.commands]
-    turn = rotation_matrix(session.ticks["orientation"])
-    share = session.ticks["command_stiffness"] / 0.3
-    expected = np.einsum("tfkj,tji->tfki", session.ticks["phalanx"], turn) * share[..., None, None]
-    assert np.abs(expected).max() > 0.1
-    np.testing.assert_allclose(told, expected, atol=1e-12)
-    assert not told[-1].any(), "the last tick frees the fingers"
 
 
 class PoseUntil(PoseSource):
