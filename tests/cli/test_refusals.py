@@ -85,6 +85,7 @@ REFUSED = {
     "build-tree mug.stl --unit mm --size 90": "unit and size exclude each other",
     "build-tree cube --level 1 --out notes.h5": "notes.h5 exists and is no sphere tree",
     "build-tree cube --level 1 --out notes.sph": "notes.sph exists and is no sphere tree",
+    "build-tree cube --level 1 --out d.h5 --plot e.h5": "no picture by its ending",
     "build-tree cube --out a.ply": "--out a.ply: a sphere tree is a .h5 or a .sph file (see",
     "build-tree cube --from-unit mm": "--from-unit is for --from FILE.sph",
     "build-tree cube --from a.sph --level 3": "--level is for trees that are built; a.sph has its own",

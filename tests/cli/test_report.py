@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from conftest import Run
 from drawings_alone import leave_report_undrawn
-from report_reader import Page, read_page
+from report_reader import read_page
 from short_grasp import short_grasp_text, short_result
 
 from hhsim.report.sections import report_runs, result_tables
@@ -20,11 +20,6 @@ def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """How fine they are is not what is tested here, and takes most of the time."""
     monkeypatch.setattr("hhsim.report.report.RENDER_DPI", 30)
     monkeypatch.setattr("hhsim.report.figure.DPI", 50)
-
-
-def figures_of(page: Page) -> list[str]:
-    """Names of the figures of a page, in its order."""
-    return [str(figure.attributes["id"]).removeprefix("figure-") for figure in page.all("figure")]
 
 
 def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
@@ -39,7 +34,7 @@ def test_a_report_is_made_and_told(run: Run, tmp_path: Path) -> None:
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
     page = read_page((folder / "report.html").read_text(encoding="utf-8"))
     assert [base64.b64decode(str(image.attributes["src"]).partition(",")[2]) for image in page.all("img")] == [
-        (folder / f"{figure}.png").read_bytes() for figure in figures_of(page)
+        (folder / f"{figure.attributes['id']}.png".replace("figure-", "")).read_bytes() for figure in page.all("figure")
     ]
 
 

@@ -1,6 +1,5 @@
 """Sphere trees in files and pictures, as users meet them: `build-tree --from`, `--plot` and `replay --tree`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -64,14 +63,3 @@ def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) 
     other = run("replay", box.name, "short.toml", "--unit", "mm", "--tree", "cube.h5")
     assert other.code == 2
     assert "cube.h5: built for the mesh" in other.err
-
-
-def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.render.spheres_figure.PIXELS", 100)
-    answer = run("build-tree", "cube", "--level", "1", "--out", "c.h5", "--plot", "c.png", "--json")
-    assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["plot"] == "c.png"
-    assert (tmp_path / "c.png").stat().st_size > 10_000
-    refused = run("build-tree", "cube", "--level", "1", "--out", "d.h5", "--plot", "e.h5")
-    assert refused.code == 2 and "no picture by its ending" in refused.err
-    assert not (tmp_path / "d.h5").exists()

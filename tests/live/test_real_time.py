@@ -104,22 +104,11 @@ def test_what_a_loop_uses_is_locked() -> None:
     assert int(child.stdout) > 1000, child.stderr
 
 
-def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
-    wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
-    memory = SessionMemory.create()
-    setup = write_setup(make_setup(**({"real_time": wishes} | changes)), memory)
-    child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)],
-        pass_fds=(setup, *memory.descriptors),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return child, memory
-
-
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
-    child, memory = run_loop(supervisor=1 if os.getpid() != 1 else 2)
+    wishes, memory = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1), SessionMemory.create()
+    setup = write_setup(make_setup(real_time=wishes, supervisor=1 if os.getpid() != 1 else 2), memory)
+    command = [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)]
+    child = subprocess.run(command, pass_fds=(setup, *memory.descriptors), capture_output=True, text=True)
     assert child.returncode == 2
     assert "supervisor" in child.stderr
     assert memory.status["ticks"] == 0

@@ -4,7 +4,6 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -211,13 +210,8 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
             assert geom.friction.tolist() == [own.friction, own.torsion, 0.0] and geom.priority[0] == 1
             assert geom.condim[0] == (4 if own.torsion else 3)
     # A cup is not its hull: its spheres collide.
-    touching = {name: touching_geoms(model, name) for name in bodies}
-    assert {name for name, count in touching.items() if count > 1} == {"wall"}
-
-
-def touching_geoms(model: Any, name: str) -> int:
-    own = model.geom_bodyid == model.body(name).id
-    return int((own & (model.geom_contype > 0)).sum())
+    touching = {name: (model.geom_bodyid == model.body(name).id) & (model.geom_contype > 0) for name in bodies}
+    assert {name for name, own in touching.items() if own.sum() > 1} == {"wall"}
 
 
 def test_bodies_rest_on_table_and_bodies_and_pass_through_what_bears_them(tmp_path: Path) -> None:

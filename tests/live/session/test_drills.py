@@ -8,6 +8,7 @@ machine took of it, by the system's accounts, is no part of it (`machine_share.M
 The faults that a session survives are held in one session; a drill that fails takes it along, and the next has another.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -18,7 +19,6 @@ import subprocess
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -84,7 +84,7 @@ def kernels() -> None:
 def drills(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Renewed[Drill]]:
     """A session for the faults that it survives, with a recorder."""
 
-    @contextmanager
+    @contextlib.contextmanager
     def session() -> Iterator[Drill]:
         folder = tmp_path_factory.mktemp("drill")
         (folder / "sitecustomize.py").write_text(HANGING.format(flag=str(folder / HANGS)))
@@ -392,43 +392,35 @@ def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
     command = [*HHSIM, "live", "glove", "cube", "--device", "dexmo", "--port", str(glove.port), "--level", "3"]
     # A slow loop is late less often on a busy machine, which would begin the ramp anew.
     command += ["--pose", "fixed", "--stiffness", "1", "--rate", "250", "--stale", "100", "--no-record", "--json"]
-    pipe = subprocess.PIPE
+    streams = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     with (
         glove,
-        subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=pipe, stderr=pipe, text=True, cwd=tmp_path
-        ) as process,
+        subprocess.Popen(command, **streams, text=True, cwd=tmp_path) as process,
+        contextlib.ExitStack() as ends,
     ):
-        try:
-            end_the_command(glove, process, number)
-        finally:
-            process.terminate()
-
-
-def end_the_command(glove: FakeDexmo, process: "subprocess.Popen[str]", number: signal.Signals) -> None:
-    """Wait until a finger is held, send the signal, and look at what the glove was told."""
-    limit = time.monotonic() + PATIENCE
-    while not (commands := glove.commands).size or commands["stiffness"][-1].max() < STIFF:
-        assert time.monotonic() < limit
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
-    glove.order("hold")
-    time.sleep(0.05)
-    # The command itself is not in real time, and looks for signals every 20 ms.
-    share = MachineShare(process.pid, glove.pid)
-    before = time.monotonic_ns()
-    os.kill(process.pid, number)
-    sent = time.monotonic_ns()
-    while glove.noted("gone") < glove.noted("connected"):
-        share.look()
-        assert time.monotonic() < limit, "a process of the session is left behind"
-        time.sleep(0.002)
-    out, err = process.communicate(timeout=PATIENCE)
-    commands = glove.commands
-    held = commands["time_ns"][stiff(commands)]
-    assert (held < before).any()
-    assert_in_time(int(held.max()) - sent, IN_TIME + share.taken_ns)
-    assert not stiff(commands[-1:]).any()
-    if number == signal.SIGINT:
-        assert process.returncode == 0, err
-        assert json.loads(out)["reason"] == "Ctrl-C"
+        ends.callback(process.terminate)
+        limit = time.monotonic() + PATIENCE
+        while not (commands := glove.commands).size or commands["stiffness"][-1].max() < STIFF:
+            assert time.monotonic() < limit
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.01)
+        glove.order("hold")
+        time.sleep(0.05)
+        # The command itself is not in real time, and looks for signals every 20 ms.
+        share = MachineShare(process.pid, glove.pid)
+        before = time.monotonic_ns()
+        os.kill(process.pid, number)
+        sent = time.monotonic_ns()
+        while glove.noted("gone") < glove.noted("connected"):
+            share.look()
+            assert time.monotonic() < limit, "a process of the session is left behind"
+            time.sleep(0.002)
+        out, err = process.communicate(timeout=PATIENCE)
+        commands = glove.commands
+        held = commands["time_ns"][stiff(commands)]
+        assert (held < before).any()
+        assert_in_time(int(held.max()) - sent, IN_TIME + share.taken_ns)
+        assert not stiff(commands[-1:]).any()
+        if number == signal.SIGINT:
+            assert process.returncode == 0, err
+            assert json.loads(out)["reason"] == "Ctrl-C"

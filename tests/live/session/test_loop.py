@@ -2,12 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
 from live_scripted import CLOSING, FIST, FREE, QUICK, Moment, ScriptedSession
-from numpy.typing import NDArray
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.live.deadlines import LARGEST_SHIFT
@@ -91,10 +89,6 @@ class PoseUntil(PoseSource):
         return min(now_ns, self.last), *NO_POSE[1:]
 
 
-def dawdles(session: ScriptedSession) -> None:
-    session.solving(lambda: session.clock.work(10 * PERIOD), 120)
-
-
 def comes_back_third(session: ScriptedSession) -> None:
     tries: list[int] = []
 
@@ -162,7 +156,13 @@ FAULTS = {
     "driver silent": Fault(
         held_on(60), Safety.DEVICE_LOST, range(119, 140), "its driver has given no sign of life", driver_rests
     ),
-    "long tick": Fault(held_on(40), Safety.OVERRUN_STREAK, (120, 131), "during a tick", dawdles),
+    "long tick": Fault(
+        held_on(40),
+        Safety.OVERRUN_STREAK,
+        (120, 131),
+        "during a tick",
+        lambda session: session.solving(lambda: session.clock.work(10 * PERIOD), 120),
+    ),
 }
 
 
@@ -340,18 +340,6 @@ def test_a_fault_of_the_loop_itself_releases_the_glove() -> None:
     assert (session.memory.status["command_stiffness"] == 0.0).all()
 
 
-def stalled(after_stall: str, missed: int) -> tuple[ScriptedSession, NDArray[Any]]:
-    """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
-    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
-    session = ScriptedSession([*HOLDING, *held_on(60)], safety=safety, output=replace(QUICK, ramp=0.05))
-    session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
-    session.run()
-    (at,) = np.flatnonzero(session.ticks["missed"])
-    assert session.ticks["missed"][at] == missed
-    assert session.ticks["command_stiffness"][at - 1].max() == 0.3
-    return session, session.ticks["command_stiffness"][at:-1].max(axis=1)
-
-
 TICKS = np.arange(1, 101)
 
 
@@ -368,7 +356,16 @@ TICKS = np.arange(1, 101)
 def test_what_becomes_of_the_stiffness_after_a_stall(
     after_stall: str, missed: int, overrun: int, expected: FloatArray
 ) -> None:
-    session, stiffness = stalled(after_stall, missed)
+    """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
+    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
+    session = ScriptedSession([*HOLDING, *held_on(60)], safety=safety, output=replace(QUICK, ramp=0.05))
+    session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
+    session.run()
+    (at,) = np.flatnonzero(session.ticks["missed"])
+    assert session.ticks["missed"][at] == missed
+    stiffness = session.ticks["command_stiffness"].max(axis=1)
+    assert stiffness[at - 1] == 0.3
+    stiffness = stiffness[at:-1]
     np.testing.assert_allclose(stiffness, expected[: len(stiffness)], atol=1e-12)
     assert np.count_nonzero(session.ticks["safety"] & Safety.OVERRUN_STREAK) == overrun
 

@@ -97,26 +97,18 @@ def record(
     return load_result(path), memory
 
 
-def assert_sound(result: Result) -> None:
-    """It runs again to the same bits, and what it says is so."""
-    assert result.complete and run_again(result).identical
-    assert result["between/graphic"].min() >= 0.0
-    for hand in result.hands.values():
-        assert verify(hand).passed
-
-
 @pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
 def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: bool
 ) -> None:
     result, memory = record(tmp_path / "gone.h5", monkeypatch, 0.6, free=free, gone=GONE)
-    assert_sound(result)
+    assert result.complete and run_again(result).identical and result["between/graphic"].min() >= 0.0
     right, left = (hand["live/tick/safety"] for hand in result.hands.values())
     lost = left & Safety.DEVICE_LOST > 0
     assert lost.sum() >= len(GONE) - 2 and not lost[: GONE[0] - 5].any() and not lost[GONE[-1] + 8 :].any()
     np.testing.assert_array_equal(right & Safety.OTHER_HAND > 0, lost | np.append(False, lost[:-1]))
     for hand in result.hands.values():
-        assert not hand["live/tick/command_stiffness"][lost].any()
+        assert verify(hand).passed and not hand["live/tick/command_stiffness"][lost].any()
     assert not memory.beside.status["device_lost"]
 
 
