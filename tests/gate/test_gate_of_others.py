@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 from conftest import Answer, Run
 from gate_scene import SHORT
+from live_session import write_session
 from own_command import HHSIM
 from sampled import sampled
+from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
 from hhsim.gate.gate import gate_result
 from hhsim.gate.verdict import LOST
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
 from hhsim.result.reader import load_result
+from hhsim.result.safety import Safety
 
 pytestmark = pytest.mark.slow
 
@@ -244,3 +248,17 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     assert exit_code == 0 and b"penetration, max" in out
     (row,) = (row for row in gate_result(load_result(path)).rows if row.name == "penetration_max")
     assert row.limit == 1e-6, "its file says that the method promises it"
+
+
+def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "session.h5"
+    write_session(path)
+    figures = {"stuck_ticks", "lag_ticks", "ended_early", "malformed_share", "freed_share"}
+    assert not {row.name for row in gate_result(load_result(path)).missed} & figures
+    with changed(path) as file:
+        hand = file["hands/right"]
+        hand["tick/status"][50:60] = STATUS_STUCK | STATUS_LAG
+        hand["live/tick/safety"][50:60] = Safety.STALE_INPUT
+        counters = {**json.loads(hand["live"].attrs["counters"]), "frames": 60_000, "malformed": 1280}
+        hand["live"].attrs.update({"counters": json.dumps(counters), "ended": "the loop failed or was killed"})
+    assert figures <= {row.name for row in gate_result(load_result(path)).missed}
