@@ -376,13 +376,6 @@ def assert_free_at_the_end(commands: NDArray[Any]) -> None:
         assert not stiff(command).any(), f"client {client} left a finger held"
 
 
-@pytest.mark.soak
-def test_a_session_ends_with_free_fingers(drill: Drill) -> None:
-    drill.grasp()
-    drill.session.end()
-    assert_free_at_the_end(drill.commands())
-
-
 @pytest.mark.parametrize("number", sampled([signal.SIGINT, KILL], lambda _, number: number == signal.SIGINT))
 @pytest.mark.soak
 def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
