@@ -42,7 +42,6 @@ from live_peers import free_ports
 from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
 from own_command import HHSIM
-from renewed import Renewed
 from sampled import sampled
 
 from hhsim.hand.model import SIDES
@@ -81,25 +80,31 @@ def kernels() -> None:
 
 
 @pytest.fixture(scope="module")
-def drills(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Renewed[Drill]]:
-    """A session for the faults that it survives, with a recorder."""
+def running() -> Iterator[contextlib.ExitStack]:
+    """Ends the session of `HELD`."""
+    with contextlib.ExitStack() as stack:
+        yield stack
+    HELD.clear()
 
-    @contextlib.contextmanager
-    def session() -> Iterator[Drill]:
-        folder = tmp_path_factory.mktemp("drill")
-        (folder / "sitecustomize.py").write_text(HANGING.format(flag=str(folder / HANGS)))
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
-            with Drill(folder) as held:
-                yield held
 
-    with Renewed(session, lambda drill: drill.sound) as shared:
-        yield shared
+HELD: list[Drill] = []
+"""The session with a recorder that drills use in turn, for the faults that it survives."""
 
 
 @pytest.fixture
-def drill(request: pytest.FixtureRequest, drills: Renewed[Drill]) -> Iterator[Drill]:
-    yield from drills.use(request.node)
+def drill(
+    request: pytest.FixtureRequest, running: contextlib.ExitStack, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Drill]:
+    """The session, made anew after a drill that failed: none fails since the one before it did."""
+    if not HELD or not HELD[0].sound:
+        running.close()
+        folder = tmp_path_factory.mktemp("drill")
+        (folder / "sitecustomize.py").write_text(HANGING.format(flag=str(folder / HANGS)))
+        running.enter_context(pytest.MonkeyPatch.context()).setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+        HELD[:] = [running.enter_context(Drill(folder))]
+    yield HELD[0]
+    if getattr(request.node, "has_failed", False):
+        HELD.clear()
 
 
 def assert_ramp(drill: Drill, since: int) -> None:
