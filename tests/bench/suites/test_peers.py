@@ -14,34 +14,10 @@ from hhsim.bench.suites.peers import Peers
 from hhsim.bench.trade_off import Run as MethodRun
 from hhsim.bench.trade_off import Way, draw_trade_off
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.table.file import ALL
 
-
-class PushedEverywhere:
-    """Shows the user's own hand, and says that the palm is pushed."""
-
-    gives_forces = True
-
-    def __init__(self, scene: MethodScene) -> None:
-        pass
-
-    def begin(self, pose: HandConfiguration) -> None:
-        pass
-
-    def tick(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, np.zeros((5, 3, 3)), np.array([0.0, 0.0, 1.0]), native_ns=7)
-
-
-class Absent(PushedEverywhere):
-    """An engine that is not installed."""
-
-    missing = "needs patience"
-
-
-FAKE, GONE = f"{__name__}:PushedEverywhere", f"{__name__}:Absent"
+FAKE, GONE = "outside_methods:PushedEverywhere", "outside_methods:NotBuilt"
 
 
 def made_up(method: str, time: float, error: float) -> MethodRun:
@@ -54,8 +30,8 @@ def test_what_is_not_installed_is_left_out_with_a_line() -> None:
     assert [(way.solver.method, way.solver.surface) for way in ways] == [
         ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
     ]  # fmt: skip
-    assert notes == [f"left out: {GONE} needs patience"]
-    with pytest.raises(InputError, match="needs patience"):
+    assert notes == [f"left out: {GONE} needs a library that is not built"]
+    with pytest.raises(InputError, match="needs a library that is not built"):
         list(run_cells(Peers.planned(methods=(GONE,))))
 
 
@@ -105,7 +81,7 @@ def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
     )  # fmt: skip
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
-    assert f"left out: {GONE} needs patience" in document["notes"]
+    assert f"left out: {GONE} needs a library that is not built" in document["notes"]
     table = json.loads((tmp_path / "peers.json").read_text())
     assert table["suite"] == "peers" and {row["method"] for row in table["rows"]} == {"coupled", FAKE}
     assert (tmp_path / "peers.png").stat().st_size > 10_000
