@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run, Terminal
+from linkage_samples import write_box
 from own_command import HHSIM
 from recording_samples import write_descent
 from sampled import sampled
@@ -112,12 +113,7 @@ def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: s
 
 
 def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
-    from tools.shapes import generators as shapes
-
-    mesh = shapes.cube(0.07)
-    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (tmp_path / "box.obj").write_text("\n".join(lines))
+    write_box(tmp_path / "box.obj", (70.0, 70.0, 70.0))
     right = run("replay", "box.obj", short.name, "--unit", "mm", "--level", "2", "--out", "run.h5")
     assert right.code == 0, right.err
     assert np.ptp(load_result(tmp_path / "run.h5").body.vertices, axis=0) == pytest.approx(0.07)

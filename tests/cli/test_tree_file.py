@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
+from linkage_samples import write_box
 from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
@@ -17,13 +18,7 @@ pytestmark = pytest.mark.usefixtures("read_here")
 @pytest.fixture
 def box(tmp_path: Path) -> Path:
     """A box away from the origin, in millimetres."""
-    from tools.shapes import generators as shapes
-
-    mesh = shapes.cube(0.07)
-    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices + [200.0, 0.0, 30.0]]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (tmp_path / "box.obj").write_text("\n".join(lines))
-    return tmp_path / "box.obj"
+    return write_box(tmp_path / "box.obj", (70.0, 70.0, 70.0), (200.0, 0.0, 30.0))
 
 
 def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path, box: Path) -> None:

@@ -12,7 +12,6 @@ from conftest import Answer, Run
 from gate_scene import SHORT
 from live_session import write_session
 from own_command import HHSIM
-from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
@@ -33,7 +32,6 @@ import hhsim
 
 EXTRA_WORK = 0
 FREEZES = False
-INSIDE = False
 
 
 class Own:
@@ -60,9 +58,9 @@ class Own:
 
     def answer(self, haptic):
         tick = self.solver.run(*(values[None] for values in haptic))
-        shown = haptic if INSIDE else hhsim.HandConfiguration.of(tick).at(0)
         palm = tick.total[0] - tick.phalanx[0].sum(axis=(0, 1))
-        return hhsim.TickAnswer(shown, tick.phalanx[0], palm, work=int(tick.work[0].sum()) + EXTRA_WORK)
+        shown, work = hhsim.HandConfiguration.of(tick).at(0), int(tick.work[0].sum()) + EXTRA_WORK
+        return hhsim.TickAnswer(shown, tick.phalanx[0], palm, work=work)
 '''
 
 SUITE = """
@@ -86,14 +84,13 @@ level = 2
 """
 
 
-def write_recording(path: Path, depth: float) -> None:
-    """A grasp that goes so much farther in than it has to, at 100 Hz."""
+def write_recording(path: Path) -> None:
+    """A grasp, at 100 Hz."""
     ticks = short_scene(short_grasp(release=0.05)).hands[0].ticks
-    flexion = ticks.flexion * (1.0 + depth)
     fingers = ("thumb", "index", "middle", "ring", "little")
     names = ["time", "px", "py", "pz", "qw", "qx", "qy", "qz"]
     names += [f"{finger}_flex{joint}" for finger in fingers for joint in (1, 2, 3)] + [f"{one}_abd" for one in fingers]
-    columns = (ticks.time, ticks.position, ticks.orientation, flexion, ticks.abduction)
+    columns = (ticks.time, ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
     rows = np.concatenate([values.reshape(len(ticks.time), -1) for values in columns], axis=1)[::10]
     np.savetxt(path, rows, delimiter=",", header=f"# hand: right\n{','.join(names)}", comments="", fmt="%.9g")
 
@@ -109,7 +106,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("company")
     (folder / "own_method.py").write_text(METHOD)
     (folder / "short.toml").write_text(SHORT)
-    write_recording(folder / "recording.csv", 0.0)
+    write_recording(folder / "recording.csv")
     (folder / "hhsim-gate.toml").write_text(SUITE)
     hhsim("gate", "--no-time", "--write-baseline", "baseline.json", folder=folder)
     return folder
@@ -149,18 +146,9 @@ def method(old: str, new: str) -> Callable[[Path], None]:
 
 
 REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
-    "deeper": (method("INSIDE = False", "INSIDE = True"), "method, penetration, max: over the limit"),
-    "slower in work": (
-        method("EXTRA_WORK = 0", "EXTRA_WORK = 900"),
-        "method, work units: more than 0.5 % above the base",
-    ),
     "freezes": (
         method("FREEZES = False", "FREEZES = True"),
         "method, joints off the input in free space, max: over the limit",
-    ),
-    "a limit missed": (
-        lambda head: write_recording(head / "recording.csv", 3.0),
-        "recording, force in contact, largest: over the limit",
     ),
     "no work told": (method("gives_work = True", ""), f"method, work units: {LOST}"),
     "no forces told": (method("gives_forces = True", ""), f"method, largest force step while moving: {LOST}"),
@@ -179,7 +167,7 @@ def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) ->
     assert not {("method", "stuck_ticks"), ("method", "linearisations")} & judged
 
 
-@pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 1))
+@pytest.mark.parametrize("regression", REGRESSIONS)
 @pytest.mark.soak
 def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: Gate, regression: str) -> None:
     plant, line = REGRESSIONS[regression]

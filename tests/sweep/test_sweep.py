@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 from conftest import Run
+from linkage_samples import write_box
 from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import OutputError
-from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import engines
 from hhsim.sweep.engines import CRASHED, TaskEnd
@@ -112,10 +112,8 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """The first cell runs before the file is replaced; with the old file back the other cells are run."""
-    corners, faces = box([0.05, 0.05, 0.06])
-    lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {a} {b} {c}" for a, b, c in faces + 1)]
     for file in ("thing.obj", "part.obj"):
-        (tmp_path / file).write_text("\n".join(lines))
+        write_box(tmp_path / file, (0.05, 0.05, 0.06))
     (tmp_path / "hand.toml").write_text("hand_length = 0.19\n")
     (tmp_path / "bodies.toml").write_text('[[body]]\nname = "part"\nmesh = "part.obj"\nfixed = true\n')
     shape = "bodies.toml" if name == "part.obj" else "thing.obj"

@@ -8,9 +8,10 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import product
+from itertools import chain, product, repeat
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import live_peers
 import numpy as np
@@ -355,35 +356,19 @@ def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
     heard(server, 3)
 
 
-class Chunks:
-    """A link that gives what it was given, and takes everything."""
-
-    name = "chunks"
-
-    def __init__(self, chunks: list[bytes]) -> None:
-        self.chunks = chunks
-        self.connection = 0
-
-    def receive(self) -> bytes | None:
-        return self.chunks.pop(0) if self.chunks else None
-
-    def send(self, data: bytes, *, urgent: bool = False) -> bool:
-        return True
-
-    def retire(self) -> None:
-        self.chunks.clear()
-
-    def send_within(self, data: bytes, timeout: float) -> bool:
-        self.connection += 1
-        return True
-
-
 def glove_on(*chunks: bytes) -> DexmoGlove:
-    """A glove that is open, on such a link."""
+    """A glove that is open, on a link that gives what it was given, and takes everything."""
     glove = DexmoGlove(configure("dexmo"))
     glove.describe()
     glove._device_id = RIGHT
-    glove._link = Chunks(list(chunks))  # type: ignore[assignment]
+    glove._link = link = Mock(connection=0)
+    link.receive.side_effect = chain(chunks, repeat(None))
+
+    def connect(*given: object) -> bool:
+        link.connection += 1
+        return True
+
+    link.send_within.side_effect = connect
     return glove
 
 
