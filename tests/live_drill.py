@@ -224,10 +224,6 @@ class Drill(Watched):
         """What the glove was told so far."""
         return self.glove.commands
 
-    def loop_client(self) -> int:
-        """The number of the loop's connection: it tells the glove something in every tick."""
-        return int(np.bincount(self.commands()["client"]).argmax())
-
 
 def held_by(hand: SessionMemory) -> float:
     """What the stiffest finger of a hand is told now."""
