@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import CLOSING, FIST, FREE, QUICK, Moment, ScriptedSession
+from live_scripted import CLOSING, FIST, FREE, QUICK, FakeClock, Moment, ScriptedGlove, ScriptedSession
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.live.deadlines import LARGEST_SHIFT
@@ -14,6 +15,8 @@ from hhsim.live.device import DeviceError
 from hhsim.live.drivers.poses import NO_POSE, FixedPose, Pose, PoseSource
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader, Stage
+from hhsim.live.session.driver import GloveDriver
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import SafetyLimits
 from hhsim.live.session.story import BEGINS_INSIDE
 from hhsim.result.safety import Safety
@@ -379,3 +382,56 @@ def test_while_the_stiffness_is_eased_a_fault_frees_the_fingers_at_once() -> Non
     (bad,) = np.flatnonzero(session.ticks["safety"] & Safety.NOT_FINITE)
     assert stiffness[bad - 1] > 0.2 and stiffness[bad] == 0.0
     assert (stiffness[bad + 1 : bad + 5] < 0.3 * np.arange(1, 5) / 10 + 1e-9).all()
+
+
+OLDEST = 20_000_000
+
+
+def opened() -> tuple[GloveDriver, ScriptedGlove, FakeClock, Any]:
+    clock, memory = FakeClock(), SessionMemory.create()
+    glove = ScriptedGlove(clock, [Moment(FIST)])
+    driver = GloveDriver(memory, glove, FixedPose(PoseConfig()), oldest_ns=OLDEST, now=clock.now)
+    driver.open()
+    return driver, glove, clock, memory.status
+
+
+def command(status: Any, stiffness: float, now: int) -> None:
+    """As the loop hands one over, with forces ten times its stiffness."""
+    status["heartbeat_ns"] = now
+    status["command_stiffness"] = stiffness
+    status["command_force"] = 10.0 * stiffness
+    status["command_version"][0] += 2
+
+
+def test_the_newest_command_is_sent_once() -> None:
+    driver, glove, clock, status = opened()
+    driver.give()
+    assert glove.commands == [], "there is none yet"
+    command(status, 0.1, clock.now())
+    command(status, 0.2, clock.now())
+    driver.give()
+    driver.give()
+    assert [(sent.stiffness.max(), sent.force.min()) for sent in glove.commands] == [(0.2, 2.0)]
+
+
+def test_a_command_that_is_being_written_waits() -> None:
+    driver, glove, clock, status = opened()
+    command(status, 0.3, clock.now())
+    status["command_version"][0] += 1
+    driver.give()
+    assert glove.commands == []
+    status["command_version"][0] += 1
+    driver.give()
+    assert len(glove.commands) == 1
+
+
+def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:
+    driver, glove, clock, status = opened()
+    command(status, 0.3, clock.now())
+    clock.work(OLDEST)
+    driver.give()
+    command(status, 0.3, clock.now())
+    clock.work(OLDEST + 1)
+    driver.give()
+    assert [sent.stiffness.max() for sent in glove.commands] == [0.3, 0.0]
+    assert [sent.force.max() for sent in glove.commands] == [3.0, 0.0]
