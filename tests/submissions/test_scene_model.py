@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
@@ -23,6 +24,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
 
+needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="pip install 'hhsim[mjcf]' brings mujoco")
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
 
@@ -167,6 +169,7 @@ def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Pa
     assert {row["body"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
 
 
+@needs_mujoco
 @pytest.mark.soak
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
@@ -214,6 +217,7 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
     assert {name for name, own in touching.items() if own.sum() > 1} == {"wall"}
 
 
+@needs_mujoco
 def test_bodies_rest_on_table_and_bodies_and_pass_through_what_bears_them(tmp_path: Path) -> None:
     scene = open_scene("drawer", "shut", level=1)
     write_scene_folder(scene, tmp_path / "drawer")
@@ -250,6 +254,7 @@ def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str
     return rows, np.array([[[float(row[part + name]) for name in columns] for part in names] for row in rows])
 
 
+@needs_mujoco
 def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
     scene = open_scene("laptop", "open", level=1, rate=200.0)
     write_scene_folder(scene, tmp_path / "s")
@@ -274,6 +279,7 @@ def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
             same_points(at.vertices(part), turned(mesh.vertices, pose[:3], pose[3:]))
 
 
+@needs_mujoco
 def test_the_model_starts_with_the_first_hand_whatever_hangs_where(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")
