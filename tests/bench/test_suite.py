@@ -37,9 +37,7 @@ REFUSED: tuple[tuple[str, dict[str, Any], str], ...] = (
 COMMANDS = (
     ("stress --surface mesh --method paper", "method paper takes the surface spheres, not mesh: "),
     ("stress bunyn", "unknown object 'bunyn': did you mean bunny?"),
-    ("speed-error --motion never", "touches nothing"),
     ("speed-error --level 0", "expected whole numbers from 1 to 5 with commas between"),
-    ("speed-error --level 3,x", "expected whole numbers from 1 to 5 with commas between"),
     ("speed-error --out none/a.json", "there is no folder"),
     ("stress --out x.csv", "x.csv must end in .json: the CSV file of the same name goes beside it"),
     ("hard fast-swip", "unknown hard case 'fast-swip': did you mean fast-swipe?"),

@@ -516,8 +516,6 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("version = 1", "version = 2", "version = 2"),
-        ("version = 1", "version = ", "not TOML"),
         ("stuck_ticks = 0", "stuck = 0", "did you mean stuck_ticks"),
         ("stuck_ticks = 0", "stuck_ticks = -1", "from 0 on"),
         ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
