@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import subprocess
 import sys
 from pathlib import Path
@@ -103,6 +104,25 @@ def test_what_a_loop_uses_is_locked() -> None:
     if child.returncode == 77:
         pytest.skip("no memory can be locked here")
     assert int(child.stdout) > 1000, child.stderr
+
+
+CHILD = """
+import os, time
+from hhsim.live.real_time import end_with
+print(end_with(os.getppid()), os.getpid(), flush=True)
+time.sleep(100)
+"""
+
+
+def test_a_process_ends_with_the_one_that_started_it() -> None:
+    program = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {CHILD!r}])"
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        granted, child = parent.stdout.readline().split()
+        end = os.pidfd_open(int(child))
+        parent.kill()
+    assert granted == "True" and select.select([end], [], [], 60.0)[0]
+    os.close(end)
 
 
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
