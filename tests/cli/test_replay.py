@@ -127,6 +127,7 @@ def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path:
 LONG = short_grasp_text().replace("duration = 0.05\n", "duration = 30.0\n")
 
 
+@pytest.mark.soak
 def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     path = tmp_path / "run.h5"

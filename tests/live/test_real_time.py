@@ -125,6 +125,7 @@ def test_a_process_ends_with_the_one_that_started_it() -> None:
     os.close(end)
 
 
+@pytest.mark.soak
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
     wishes, memory = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1), SessionMemory.create()
     setup = write_setup(make_setup(real_time=wishes, supervisor=1 if os.getpid() != 1 else 2), memory)

@@ -57,6 +57,7 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
     assert [set(row) for row in rows] == [{column.name for column in suite.columns()}] * len(rows)
 
 
+@pytest.mark.soak
 def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     suite = Peers.planned(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
     (twice,) = list(run_cells(suite))

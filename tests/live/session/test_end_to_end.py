@@ -22,6 +22,7 @@ from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.script import parse_script
 from tools.shapes.generators import sphere
 
+pytestmark = pytest.mark.soak
 TICKS = 700
 Ran = tuple[Result, SessionOutcome]
 

@@ -220,6 +220,7 @@ def started(memory: SessionMemory) -> None:
     memory.status["stage"] = Stage.RUNNING
 
 
+@pytest.mark.soak
 def test_a_place_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
     memory = SessionMemory.create()
     with recorder_process(tmp_path / "no" / "session.h5", memory) as process:
