@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import HealthCheck, is_hypothesis_test, settings
-from renewed import FAILED
 from sealed_change import know_as_sound
 
 from hhsim.registry import declared
@@ -129,9 +128,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Note at a test that it failed, for what it shares with others (`renewed.Renewed`)."""
+    """Note at a test that it failed, for what it shares with others."""
     report: Any = yield
-    item.stash[FAILED] = item.stash.get(FAILED, False) or report.failed
+    setattr(item, "has_failed", getattr(item, "has_failed", False) or report.failed)  # noqa: B010
     return report
 
 

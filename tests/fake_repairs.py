@@ -2,10 +2,7 @@
 
 import os
 import shutil
-import struct
-import sys
 import time
-import zlib
 from pathlib import Path
 
 from hhsim.errors import MeshError, TrajectoryError
@@ -29,14 +26,12 @@ def repaired(request: RepairRequest) -> RepairOutcome:
             os._exit(3)
         case "hang":
             time.sleep(1e4)
-        case "slow":
-            time.sleep(0.1)
         case "nothing":
             return RepairOutcome({}, 1, (), "unchanged", ok=True)
     shutil.copy(request.recording, request.out)
     if request.pictures:
         request.beside(REPORT).write_text("report")
-        request.beside(PICTURE).write_bytes(png())
+        request.beside(PICTURE).write_bytes(b"picture")
     before = 1e-3 * float(depth)
     figures = {
         "depth_cones_max_before": before,
@@ -50,16 +45,6 @@ def repaired(request: RepairRequest) -> RepairOutcome:
         figures, 30, (4, 7), "MISSED: 2 frames are deep" if missed else "REPAIRED", not missed, ("a finding",),
         {"recording": request.out},
     )  # fmt: skip
-
-
-def png() -> bytes:
-    """A picture of one dot."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    head = struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(b"\0\0")) + chunk(b"IEND", b"")
 
 
 def write_manifest(folder: Path, *contents: str, more: str = "") -> Path:
@@ -80,9 +65,3 @@ def tree(folder: Path) -> dict[str, bytes]:
 def run(path: Path, out: Path, workers: int = 1) -> BatchOutcome:
     """Run the repairs of a manifest."""
     return run_manifest(path, out, repaired, workers=workers)
-
-
-if __name__ == "__main__":
-    import fake_repairs
-
-    fake_repairs.run(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))

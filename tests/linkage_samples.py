@@ -83,9 +83,15 @@ def places(linkage: Robot, values: dict[str, float]) -> dict[str, np.ndarray]:
     return found
 
 
-def write_box(path: Path, edges: tuple[float, float, float] = (100.0, 60.0, 20.0)) -> Path:
-    """Write a box as an OBJ of these edges, which has no unit."""
+def write_box(
+    path: Path,
+    edges: tuple[float, float, float] = (100.0, 60.0, 20.0),
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Path:
+    """Write a box as an OBJ of these edges at a place, which has no unit."""
     vertices, faces = box(edges)
-    lines = [f"v {x} {y} {z}" for x, y, z in vertices.tolist()] + [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    lines = [f"v {x} {y} {z}" for x, y, z in (vertices + place).tolist()] + [
+        f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()
+    ]
     path.write_text("\n".join(lines) + "\n")
     return path

@@ -22,7 +22,6 @@ from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import LiveScene, LiveSetup, OutputLimits, grasping_hand, make_live_scene
 from hhsim.live.session.supervisor import LOOP, WATCHDOG, Supervisor
 from hhsim.mesh.catalogue import load_object
-from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
@@ -40,11 +39,9 @@ RATE = 250.0
 """Ticks a second [Hz]."""
 
 
-def grasping_setup(
-    ports: Sequence[int], record: Path | None = None, sides: Sequence[Hand] = ("right",), *, free: bool = False
-) -> LiveSetup:
-    """Fingers that close on a cube, free or not, at the place where they grasp it, and are stopped soon."""
-    right, *left = (grasping_scene(port, side, free=free) for port, side in zip(ports, sides))
+def grasping_setup(ports: Sequence[int], record: Path | None = None, sides: Sequence[Hand] = ("right",)) -> LiveSetup:
+    """Fingers that close on a cube at the place where they grasp it, and are stopped soon."""
+    right, *left = (grasping_scene(port, side) for port, side in zip(ports, sides))
     for scene in left:
         right = right.both(scene)
     if not left:
@@ -59,17 +56,14 @@ def grasping_setup(
     )
 
 
-def grasping_scene(port: int, side: Hand, *, free: bool = False) -> LiveScene:
+def grasping_scene(port: int, side: Hand) -> LiveScene:
     """The cube, and a glove of a hand where it grasps it: the left one beside the right one."""
     item = load_object("cube")
     tree = cached_sphere_tree(item.mesh, TreeOptions(level=3))
     device = configure("dexmo", port=port, hand=side)
     hand, bodies = HandModel.default(side), DeclaredBodies.of_mesh(item.mesh, tree)
     other = None if side == "right" else grasping_hand(HandModel.default("right"), tree, None)
-    low = float(item.mesh.bounds[0, 2])
-    freed = (lambda scene: scene.freed(mass=0.1, table=low - CLEARANCE)) if free else (lambda scene: scene)
-    pose = PoseConfig("fixed")
-    return make_live_scene(bodies, hand, device, pose, None, rate=RATE, other=other, freed=freed)
+    return make_live_scene(bodies, hand, device, PoseConfig("fixed"), None, rate=RATE, other=other)
 
 
 class Fault:
@@ -154,11 +148,9 @@ class Watched:
 class Drill(Watched):
     """A session of a glove for each of `sides`, at a server of its own, and what they saw; `glove` is the first one."""
 
-    def __init__(
-        self, folder: Path, sides: Sequence[Hand] = ("right",), *, free: bool = False, recorded: bool = True
-    ) -> None:
+    def __init__(self, folder: Path, sides: Sequence[Hand] = ("right",), *, recorded: bool = True) -> None:
         super().__init__()
-        self._stack, self._sides, self._free = ExitStack(), sides, free
+        self._stack, self._sides = ExitStack(), sides
         self._record = folder / "session.h5" if recorded else None
         self.gloves = [FakeDexmo(folder / f"{side}.log", "--gloves", f"7:{side}") for side in sides]
         self.glove = self.gloves[0]
@@ -168,7 +160,7 @@ class Drill(Watched):
         for glove in self.gloves:
             glove.port = free_ports(socket.SOCK_STREAM)
             self._stack.enter_context(glove)
-        setup = grasping_setup([glove.port for glove in self.gloves], self._record, self._sides, free=self._free)
+        setup = grasping_setup([glove.port for glove in self.gloves], self._record, self._sides)
         self._stack.enter_context(self.begun(setup))
         self.carriers = [glove.pid for glove in self.gloves]
         self.hands = self.session.memory.hands
@@ -231,10 +223,6 @@ class Drill(Watched):
     def commands(self) -> NDArray[Any]:
         """What the glove was told so far."""
         return self.glove.commands
-
-    def loop_client(self) -> int:
-        """The number of the loop's connection: it tells the glove something in every tick."""
-        return int(np.bincount(self.commands()["client"]).argmax())
 
 
 def held_by(hand: SessionMemory) -> float:

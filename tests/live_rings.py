@@ -1,5 +1,6 @@
 """A session whose rings a test fills itself: ticks of the real solver, samples that are numbered."""
 
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,14 @@ from sphere_scenes import bumpy_ball
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.live.device import GLOVE_SAMPLE
+from hhsim.live.device import COUNTERS, GLOVE_SAMPLE
 from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.processes import SharedRing, Stage
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import LIVE_TICK, SessionMemory
+from hhsim.live.session.memory import EVENT, LIVE_TICK, SessionMemory
+from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.setup import LiveSetup, WornGlove
+from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
@@ -124,3 +127,26 @@ def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
         hand.status["loop_pid"] = pid
         hand.facts.write({**FACTS, "reason": reason})
         hand.status["stage"] = Stage.ENDED
+
+
+def session_file(
+    path: Path, ticks: Records, reason: str, events: Sequence[tuple[int, int, str]] = (), **counted: int
+) -> Result:
+    """Write a session of these ticks, and load it.
+
+    Args:
+        path: Of its file.
+        ticks: As the loop publishes them; each fifth used a sample.
+        reason: Of its end.
+        events: Time [ns], level and text of each.
+        counted: Counters of the glove by their names.
+    """
+    setup, rows = make_setup(path), np.zeros(len(events), EVENT)
+    for row, (time_ns, level, text) in zip(rows, events):
+        row["time_ns"], row["level"], row["text"] = time_ns, level, text.encode()
+    counters = np.array([counted.get(name, 0) for name in COUNTERS])
+    taken = {"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, rows)}
+    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
+        writer.write([taken], counters)
+        writer.complete(reason, counters, 0, {})
+    return load_result(path)

@@ -1,7 +1,8 @@
 """A clock that is told the time and a glove that follows a script: what the tests of the loop run it with."""
 
 import os
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -9,7 +10,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel
 from hhsim.kernels.live.deadlines import (
     NOTHING,
@@ -73,7 +73,6 @@ class FakeClock:
         self.time_ns = start_ns
         self.oversleep: list[int] = []
         """How much later than asked the next sleeps end [ns]; none are late when it is empty."""
-        self.slept: MutableSequence[int] = []
         self.alarms: list[tuple[int, Callable[[], object]]] = []
         """Sleeps end at these times, if they would go on until later, when something is done that takes its time."""
 
@@ -87,7 +86,6 @@ class FakeClock:
             action()
             self.time_ns += WAKING_NS
             return
-        self.slept.append(time_ns)
         self.time_ns = max(self.time_ns, time_ns + (self.oversleep.pop(0) if self.oversleep else 0))
 
     def work(self, duration_ns: int) -> None:
@@ -127,25 +125,14 @@ class Moment:
 
 
 @dataclass
-class SentCommand:
-    """A command as the glove got it."""
-
-    time_ns: int
-    bend: FloatArray
-    stiffness: FloatArray
-    force: FloatArray
-
-
-@dataclass
 class ScriptedGlove(GloveDevice):
     """Plays a script, one moment a tick, and repeats the last one; keeps what it is told."""
 
     clock: FakeClock
     script: Sequence[Moment]
     at_tick: dict[int, Callable[[], None]] = field(default_factory=dict)
-    commands: list[SentCommand] = field(default_factory=list)
+    commands: list[FingerCommand] = field(default_factory=list)
     released: list[int] = field(default_factory=list)
-    closed: bool = False
     backlog: int = 0
     """Samples that came before the loop runs, which reads them once beforehand."""
     tick: int = -2
@@ -191,8 +178,7 @@ class ScriptedGlove(GloveDevice):
     def send(self, command: FingerCommand) -> bool:
         if self.moment(self.tick).send_fails:
             raise DeviceError("the scripted glove takes nothing")
-        told = (part.copy() for part in (command.bend, command.stiffness, command.force))
-        self.commands.append(SentCommand(self.clock.now(), *told))
+        self.commands.append(deepcopy(command))
         self.counters.commands += 1
         return True
 
@@ -204,7 +190,7 @@ class ScriptedGlove(GloveDevice):
         return True
 
     def close(self) -> None:
-        self.closed = True
+        return
 
 
 class Deadlines:

@@ -1,6 +1,7 @@
 """Methods from outside, right and wrong, that tests name as `outside_methods:Class`."""
 
 import itertools
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -65,6 +66,7 @@ Grows = answering(lambda haptic: np.ones(2**44))
 
 
 class NotBuilt(Follow):
+    gives_forces = True
     missing = "needs a library that is not built"
 
     def __init__(self, scene: MethodScene) -> None:
@@ -98,6 +100,15 @@ class TurnedForces(OurOwn):
         right = super().answer(haptic)
         assert right.phalanx_force is not None and right.palm_force is not None
         return right._replace(phalanx_force=-right.phalanx_force, palm_force=-right.palm_force)
+
+
+class PushedEverywhere(Follow):
+    """Says that the palm of the user's own hand is pushed."""
+
+    gives_forces = True
+
+    def answer(self, haptic: HandConfiguration) -> TickAnswer:
+        return TickAnswer(haptic, np.zeros((5, 3, 3)), np.array([0.0, 0.0, 1.0]), native_ns=7)
 
 
 class NoForces(Follow):
@@ -154,6 +165,11 @@ class Raises(Follow):
         if self.ticks == 3:
             raise ZeroDivisionError("of no\nuse")
         return haptic
+
+
+class Crashes(Follow):
+    def answer(self, haptic: HandConfiguration) -> HandConfiguration:
+        os._exit(3)
 
 
 class CannotBeMade(Follow):

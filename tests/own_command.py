@@ -1,14 +1,22 @@
 """A command `hhsim` for scripts that tests run: this hhsim, whatever is on the PATH; and lines given to a shell."""
 
+import contextlib
+import fcntl
 import os
+import pty
 import re
+import select
 import shlex
 import subprocess
 import sys
+import termios
 from pathlib import Path
+from typing import Any
 
 HHSIM = (sys.executable, "-P", "-c", "from hhsim.cli.main import main; main()")
 """Words that begin the command as a process of its own; the current folder is not where its modules come from (-P)."""
+PATIENCE = 120.0
+"""Longest wait of a test for something that a program shows at once on a quiet machine [s]."""
 
 
 def hhsim_command(folder: Path) -> Path:
@@ -44,3 +52,45 @@ def only_late(line: str, told: str) -> bool:
     missed = [text for text in told.splitlines() if text.startswith("missed: ")]
     late = all(re.search(r"^missed: .*tick.*µs, bar .*µs$", text) for text in missed)
     return line.startswith("hhsim bench ") and told.endswith("ENDED 1\n") and bool(missed) and late
+
+
+class Terminal:
+    """A program whose terminal we hold the other end of.
+
+    Args:
+        command: Its words.
+        options: Of the process.
+    """
+
+    def __init__(self, *command: str, **options: Any) -> None:
+        self.end, self.line = pty.openpty()
+        self.before = termios.tcgetattr(self.line)
+        streams = dict.fromkeys(("stdin", "stdout", "stderr"), self.line)
+        self.process = subprocess.Popen(
+            command,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+            **streams,
+            **options,
+        )
+        self.shown = ""
+
+    def until(self, text: str) -> str:
+        """Wait until something is shown; all that was shown so far, without what moves the cursor and colours."""
+        while text not in self.shown:
+            assert select.select([self.end], [], [], PATIENCE)[0], f"no '{text}' in {self.shown!r}"
+            shown = os.read(self.end, 65_536).decode("utf-8", "replace")
+            self.shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown)
+        return self.shown
+
+    def type(self, keys: bytes) -> None:
+        """Strike keys."""
+        os.write(self.end, keys)
+
+    def close(self) -> None:
+        """End the program and close both ends."""
+        self.process.kill()
+        self.process.wait()
+        for descriptor in (self.end, self.line):
+            with contextlib.suppress(OSError):
+                os.close(descriptor)

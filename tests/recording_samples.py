@@ -1,11 +1,14 @@
 """Recordings that test modules share: a synthetic hand that moves like one, and ways to damage it."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.quaternion import quaternion
+from hhsim.motion.file import save_trajectory
+from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.cleaning import CleanedRecording, CleaningOptions, clean_recording
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, read_content
@@ -47,3 +50,11 @@ def cleaned(recording: Recording, options: CleaningOptions | None = None, **unit
     """Clean a recording in the units of its numbers, as one that is read is cleaned."""
     own = recording.chosen(np.arange(recording.sample_count))
     return clean_recording(in_our_units(own, ReadOptions(**units)), options)
+
+
+def write_descent(path: Path, count: int = 50) -> None:
+    """Write a motion of a flat hand that comes down from 0.2 to 0.1 m, at 100 Hz."""
+    place = np.linspace([0.0, 0.0, 0.2], [0.0, 0.0, 0.1], count)
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    angles = np.zeros((count, 5, 3)), np.zeros((count, 5))
+    save_trajectory(Trajectory(np.arange(count) / 100.0, place, level, *angles, name="motion"), path)

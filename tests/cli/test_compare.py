@@ -1,14 +1,21 @@
-"""`hhsim compare` and `hhsim export` as users meet them."""
+"""`hhsim compare`, `export`, `view` and `report` as users meet them, and the commands that a report tells them."""
 
+import base64
+import json
+import shlex
 import shutil
 from pathlib import Path
 
 import h5py
 import pytest
 from conftest import Run
+from drawings_alone import leave_report_undrawn
+from report_reader import read_page
 from sealed_change import changed
-from short_grasp import short_result
+from short_grasp import short_grasp_text, short_result
 
+from hhsim.report.sections import report_runs, result_tables
+from hhsim.result.reader import load_result
 from hhsim.result.writer import add_document
 
 
@@ -66,3 +73,71 @@ def test_a_result_is_exported(run: Run, results: Path, tmp_path: Path) -> None:
     lines = (tmp_path / "ticks.csv").read_text().splitlines()
     assert len(lines) == 201
     assert lines[0] == "tick,time [s],force/total[0] [N],force/total[1] [N],force/total[2] [N]"
+
+
+def test_a_result_is_looked_at_and_filmed(run: Run, results: Path, tmp_path: Path) -> None:
+    result = str(results / "coupled.h5")
+    answer = run("view", result, "--rerun", "again.rrd", "--every", "10", "--spheres")
+    assert answer == (0, "20 of 200 ticks went to again.rrd\n", "")
+    document = run("view", result, "--rerun", "again.rrd", "--json").document()
+    assert document["seconds"] > 0.0
+    expected = {"result": result, "ticks": 200, "shown_ticks": 200, "rerun": "again.rrd"}
+    assert expected.items() <= document.items()
+    answer = run("view", result, "--video", "short.gif", "--pixels", "160")
+    assert answer == (0, "6 frames of 200 ticks, 0.2 s, in short.gif\n", "")
+    assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
+
+
+@pytest.fixture
+def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How fine they are is not what is tested here, and takes most of the time."""
+    monkeypatch.setattr("hhsim.report.report.RENDER_DPI", 30)
+    monkeypatch.setattr("hhsim.report.figure.DPI", 50)
+
+
+@pytest.mark.usefixtures("coarse_pictures")
+def test_a_report_is_made_and_told(run: Run, results: Path, tmp_path: Path) -> None:
+    answer = run("report", str(results / "coupled.h5"))
+    assert answer.code == 0, answer.err
+    (folder,) = (tmp_path / "results").iterdir()
+    assert folder.name.endswith("-coupled-report")
+    pictures = sorted(path.name for path in folder.glob("*.png"))
+    assert f"the report is in results/{folder.name}/report.html, with {len(pictures)} pictures beside it" in answer.out
+    assert "hand.png" in pictures
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
+    page = read_page((folder / "report.html").read_text(encoding="utf-8"))
+    assert [base64.b64decode(str(image.attributes["src"]).partition(",")[2]) for image in page.all("img")] == [
+        (folder / f"{figure.attributes['id']}.png".replace("figure-", "")).read_bytes() for figure in page.all("figure")
+    ]
+
+
+@pytest.mark.soak
+def test_several_results_are_told_to_machines(
+    run: Run, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What is drawn is tested elsewhere, and takes time.
+    leave_report_undrawn(monkeypatch)
+    coupled, paper = (str(results / f"{method}.h5") for method in ("coupled", "paper"))
+    answer = run("report", coupled, paper, "--out", "both.html", "--json")
+    document = json.loads(answer.out)
+    assert document["report"] == "both.html"
+    assert [row["label"] for row in document["results"]] == ["A: coupled", "B: paper"]
+    assert document["comparisons"][0]["comparable"] is True
+    assert any(text.startswith("method:") for text in document["comparisons"][0]["how"])
+    assert document["results"][0]["figures"]["penetration_max"] == 0.0
+    assert all((tmp_path / path).is_file() for path in document["pictures"])
+    quiet = run("report", paper, "--out", "again", "--quiet")
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+    assert (tmp_path / "again" / "report.html").is_file()
+
+
+def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "short.toml").write_text(short_grasp_text())
+    typed = "hhsim replay cube short.toml --method progressive --level 2 --tremor '0.1, 0.2' --out x.h5 --quiet"
+    answer = run(*shlex.split(typed)[1:])
+    assert answer.code == 0, answer.err
+    result = load_result(tmp_path / "x.h5")
+    assert list(result.command) == shlex.split(typed)
+    told = result_tables(report_runs([result]), [])
+    assert told["typed"] == [typed]
+    assert told["again"] == ["hhsim view x.h5", "hhsim verify x.h5", "hhsim replay x.h5"]

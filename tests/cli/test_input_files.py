@@ -95,7 +95,6 @@ COMMANDS = (
     "scene cube FILE.h5",
     "scene FILE.stl touch",
     "score FILE.csv",
-    "score FILE.csv",
     "live glove cube --device replay --trajectory FILE.h5 --no-record",
     "compare FILE.h5 result.h5",
     "compare result.h5 FILE.h5",

@@ -55,16 +55,6 @@ def test_a_joint_goes_as_the_motion_has_it(run: Run, work: Path) -> None:
     assert run("replay", "moved.h5").code == 0
 
 
-def test_links_are_free_with_their_joints(run: Run, work: Path) -> None:
-    answer = run(
-        *("replay", "pot.urdf", "short.toml", "--free", "--surface", "mesh"),
-        *("--level", "1", "--ticks", "5", "--out", "both.h5"),
-    )
-    assert answer.code == 0, answer.err
-    result = load_result(work / "both.h5")
-    assert list(result.bodies) == ["block", "lid"]
-
-
 def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
     document = run("build-tree", "pot.urdf", "--link", "lid", "--level", "1", "--out", "lid.h5", "--json").document()
     assert document["object"] == "lid" and document["extent"] == pytest.approx([0.06, 0.06, 0.01])

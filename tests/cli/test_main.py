@@ -190,9 +190,10 @@ def test_the_examples_are_copied_to_a_new_folder_as_they_are(run: Run, repositor
     assert answer.code == 2 and "mine exists, so nothing is written there: name a new folder" in answer.err
 
 
-def test_a_tree_is_built_measured_and_written(run: Run, tmp_path: Path) -> None:
-
-    document = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--json").document()
+def test_a_tree_is_built_measured_written_and_drawn(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hhsim.render.spheres_figure.PIXELS", 100)
+    document = run("build-tree", "cube", "--level", "2", "--out", "cube.h5", "--plot", "c.png", "--json").document()
+    assert document["plot"] == "c.png" and (tmp_path / "c.png").stat().st_size > 10_000
     tree = load_tree(tmp_path / "cube.h5")
     assert document["leaves"] == tree.leaf_count <= 64
     assert [level["spheres"] for level in document["levels"]] == [error.spheres for error in tree.errors]

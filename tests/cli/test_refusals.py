@@ -4,23 +4,13 @@ import shlex
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import Run
 from joint_samples import joint_sample, openxr_csv
 from linkage_samples import BOX, joint, link, urdf
+from recording_samples import write_descent
 from robot_arms import write_arm
 from short_grasp import short_result
-
-from hhsim.motion.file import save_trajectory
-from hhsim.motion.trajectory import Trajectory
-
-
-def write_motion(path: Path, count: int = 50) -> None:
-    level = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
-    motion = np.arange(count) / 100.0, np.zeros((count, 3)), level, np.zeros((count, 5, 3)), np.zeros((count, 5))
-    save_trajectory(Trajectory(*motion, name="motion"), path)
-
 
 POT = urdf(
     link("block", BOX.format("0.06 0.06 0.06")), link("lid", BOX.format("0.06 0.06 0.01")), joint("block", "lid")
@@ -30,8 +20,8 @@ FILES: dict[str, str | Callable[[Path], object]] = {
     "notes.sph": "no tree",
     "mine.html": "mine",
     "one.npz": "",
-    "motion.h5": write_motion,
-    "motion.csv": write_motion,
+    "motion.h5": write_descent,
+    "motion.csv": write_descent,
     "other.csv": "t,x\n0,1\n",
     "empty.csv": "",
     "quest.csv": openxr_csv(joint_sample()),
@@ -58,6 +48,10 @@ REFUSED = {
     "replay cube --out notes.h5": "notes.h5 exists and is no result file, so it is not replaced",
     "replay cube motion.csv --tremor 0.1,0.2": "--tremor is for scripts; 'motion.csv' is a recording",
     "replay cube --level 6": "'--level': 6 is not in the range 1<=x<=5",
+    "replay cube --free --mass 1e-300": "'--mass': 1e-300 is not in the range 1e-09<=x<=1e+09",
+    "replay cube --budget 99999999999999999999": "not in the range 1<=x<=4611686018427387904",
+    "replay cube --rate nan": "'--rate': nan is not in the range 1<=x<=100000",
+    "replay cube --stiffness 1000,5,0": "3 numbers with commas between: k_t [N/m] 1e-09 to 1e+12",
     "replay cube --level 3 --max-error 1mm": "--max-error chooses the level itself: leave --level 3 out",
     "replay cube --hands both --repeat 2": "--repeat is of one hand",
     "replay cup grasp --place-object auto": "'grasp' finds its place at the object itself",
@@ -91,6 +85,7 @@ REFUSED = {
     "build-tree mug.stl --unit mm --size 90": "unit and size exclude each other",
     "build-tree cube --level 1 --out notes.h5": "notes.h5 exists and is no sphere tree",
     "build-tree cube --level 1 --out notes.sph": "notes.sph exists and is no sphere tree",
+    "build-tree cube --level 1 --out d.h5 --plot e.h5": "no picture by its ending",
     "build-tree cube --out a.ply": "--out a.ply: a sphere tree is a .h5 or a .sph file (see",
     "build-tree cube --from-unit mm": "--from-unit is for --from FILE.sph",
     "build-tree cube --from a.sph --level 3": "--level is for trees that are built; a.sph has its own",

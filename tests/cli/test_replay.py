@@ -11,7 +11,9 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run, Terminal
+from linkage_samples import write_box
 from own_command import HHSIM
+from recording_samples import write_descent
 from sampled import sampled
 from short_grasp import short_grasp_text
 
@@ -35,8 +37,9 @@ def hhsim(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize("surface", ["spheres", "mesh"])
 def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path, short: Path, surface: str) -> None:
-    answer = run("replay", "cube", short.name, "--surface", surface, "--level", "2")
+    answer = run("replay", "cube", short.name, "--surface", surface, "--level", "2", "--rerun", "short.rrd")
     assert answer.code == 0, answer.err
+    assert (tmp_path / "short.rrd").stat().st_size > 10_000
     (path,) = (tmp_path / "results").iterdir()
     mesh = surface == "mesh"
     assert path.name.endswith("-cube-short-coupled-mesh.h5" if mesh else "-cube-short-coupled.h5")
@@ -54,6 +57,7 @@ def test_a_replay_prints_a_table_and_writes_every_tick(run: Run, tmp_path: Path,
     assert result["penetration_depth"].max() <= 1e-6
 
 
+@pytest.mark.soak
 def test_the_same_input_gives_the_same_bytes_but_for_the_timings(run: Run, tmp_path: Path, short: Path) -> None:
     arguments = ("replay", "rock", short.name, "--level", "2", "--tremor", "0.1,0.2", "--quiet", "--out")
     # Once in this process, which has run other things, and once in a new one.
@@ -92,22 +96,6 @@ def test_a_replay_of_which_most_ticks_are_stuck_ends_with_1(
     assert with_json.code == 1 and json.loads(with_json.out)["verdict"]["mostly_stuck"] is True
 
 
-def write_recording(path: Path) -> None:
-    from hhsim.motion.file import save_trajectory
-    from hhsim.motion.trajectory import Trajectory
-
-    count = 50
-    trajectory = Trajectory(
-        time=np.arange(count) / 100.0,
-        position=np.column_stack([np.zeros(count), np.zeros(count), np.linspace(0.2, 0.1, count)]),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-        flexion=np.zeros((count, 5, 3)),
-        abduction=np.zeros((count, 5)),
-        name="motion",
-    )
-    save_trajectory(trajectory, path)
-
-
 @pytest.mark.parametrize(
     ("suffix", "samples"),
     sampled(
@@ -116,7 +104,7 @@ def write_recording(path: Path) -> None:
     ),
 )
 def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: str, samples: str) -> None:
-    write_recording(tmp_path / f"motion{suffix}")
+    write_descent(tmp_path / f"motion{suffix}")
     command = ("replay", "cube", f"motion{suffix}", "--samples", samples, "--level", "2")
     answer = run(*command, "--out", "run.h5", "--quiet")
     assert answer == (0, "", "")
@@ -125,12 +113,7 @@ def test_a_recording_of_ones_own_is_replayed(run: Run, tmp_path: Path, suffix: s
 
 
 def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path: Path, short: Path) -> None:
-    from tools.shapes import generators as shapes
-
-    mesh = shapes.cube(0.07)
-    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (tmp_path / "box.obj").write_text("\n".join(lines))
+    write_box(tmp_path / "box.obj", (70.0, 70.0, 70.0))
     right = run("replay", "box.obj", short.name, "--unit", "mm", "--level", "2", "--out", "run.h5")
     assert right.code == 0, right.err
     assert np.ptp(load_result(tmp_path / "run.h5").body.vertices, axis=0) == pytest.approx(0.07)
@@ -144,6 +127,7 @@ def test_a_mesh_of_ones_own_is_replayed_and_its_size_doubted(run: Run, tmp_path:
 LONG = short_grasp_text().replace("duration = 0.05\n", "duration = 30.0\n")
 
 
+@pytest.mark.soak
 def test_an_interrupt_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
     (tmp_path / "long.toml").write_text(LONG)
     path = tmp_path / "run.h5"
@@ -193,13 +177,13 @@ def test_a_recording_of_a_bare_hand_gets_its_object_placed(run: Run, tmp_path: P
         flex=flexion,
         abd=np.zeros((50, 5)),
     )
-    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "2", "--out", "fist.h5")
-    assert answer.code == 0, answer.err
-    assert "of 50 samples were mended on the way in: hhsim import tells what" in answer.out
-    assert "note: object placed where " in answer.out
+    command = ("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "2", "--out", "fist.h5", "--json")
+    document = run(*command).document()
+    notes = " ".join(document["notes"])
+    assert (
+        "of 50 samples were mended on the way in: hhsim import tells what" in notes and "object placed where" in notes
+    )
     placed = load_result(tmp_path / "fist.h5").scene["placement"]
     assert placed["how"] == "closing fingers" and placed["depth"] > 0.0 and len(placed["position"]) == 3
-    answer = run("replay", "cup", "fist.npz", "--place-object", "auto", "--level", "2", "--out", "again.h5", "--json")
-    document = json.loads(answer.out)
-    assert document["placement"] == placed and any("object placed where" in note for note in document["notes"])
+    assert document["placement"] == placed
     assert document["penetration_max"] <= 1e-6 and document["touching_max"] > 0

@@ -1,11 +1,11 @@
 """Sphere trees in files and pictures, as users meet them: `build-tree --from`, `--plot` and `replay --tree`."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Run
+from linkage_samples import write_box
 from short_grasp import short_grasp_text
 
 from hhsim.result.reader import load_result
@@ -18,13 +18,7 @@ pytestmark = pytest.mark.usefixtures("read_here")
 @pytest.fixture
 def box(tmp_path: Path) -> Path:
     """A box away from the origin, in millimetres."""
-    from tools.shapes import generators as shapes
-
-    mesh = shapes.cube(0.07)
-    lines = [f"v {x} {y} {z}" for x, y, z in 1e3 * mesh.vertices + [200.0, 0.0, 30.0]]
-    lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
-    (tmp_path / "box.obj").write_text("\n".join(lines))
-    return tmp_path / "box.obj"
+    return write_box(tmp_path / "box.obj", (70.0, 70.0, 70.0), (200.0, 0.0, 30.0))
 
 
 def test_a_file_of_the_toolkit_becomes_a_measured_tree(run: Run, tmp_path: Path, box: Path) -> None:
@@ -64,14 +58,3 @@ def test_a_replay_takes_the_tree_of_a_file(run: Run, tmp_path: Path, box: Path) 
     other = run("replay", box.name, "short.toml", "--unit", "mm", "--tree", "cube.h5")
     assert other.code == 2
     assert "cube.h5: built for the mesh" in other.err
-
-
-def test_build_tree_draws(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hhsim.render.spheres_figure.PIXELS", 100)
-    answer = run("build-tree", "cube", "--level", "1", "--out", "c.h5", "--plot", "c.png", "--json")
-    assert answer.code == 0, answer.err
-    assert json.loads(answer.out)["plot"] == "c.png"
-    assert (tmp_path / "c.png").stat().st_size > 10_000
-    refused = run("build-tree", "cube", "--level", "1", "--out", "d.h5", "--plot", "e.h5")
-    assert refused.code == 2 and "no picture by its ending" in refused.err
-    assert not (tmp_path / "d.h5").exists()

@@ -5,6 +5,7 @@ import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,17 @@ import pytest
 from conftest import Run
 from file_faults import forge_scene
 from gate_scene import SUITE, write_suite
+from hypothesis import given
+from hypothesis import strategies as st
 from sealed_change import changed
 
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, gate_result, load_baseline, write_baseline
 from hhsim.gate.metrics import COUNTERS, RunFigures, compared_metrics, cpu_p50, run_figures
 from hhsim.gate.report import COLUMNS, headline, markdown, number_text, reasons
-from hhsim.gate.run import RunFailed, Side
+from hhsim.gate.run import RunFailed, Side, process_times
 from hhsim.gate.suite import GateScene, default_suite, default_suite_text, load_suite, parse_suite, usual_limits
-from hhsim.gate.verdict import GateRow, judge_figures, judge_run, overall
+from hhsim.gate.verdict import GateRow, judge_figures, judge_run, judge_time, overall
 from hhsim.metrics.run.registry import judged_metrics
 from hhsim.replay.replay import replay_scene
 from hhsim.replay.run_inputs import TOLERANCE, differences
@@ -513,8 +516,6 @@ def test_figures_of_a_session_are_limited_beside_those_of_scenes(result: Path) -
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("version = 1", "version = 2", "version = 2"),
-        ("version = 1", "version = ", "not TOML"),
         ("stuck_ticks = 0", "stuck = 0", "did you mean stuck_ticks"),
         ("stuck_ticks = 0", "stuck_ticks = -1", "from 0 on"),
         ("stuck_ticks = 0", "stuck_ticks = nan", "from 0 on"),
@@ -653,3 +654,41 @@ def test_what_cannot_be_gated_at_all_is_one_line_and_one_error(
     answer = run("gate", *arguments, "--markdown", "gate.md")
     assert answer.code == 2 and why in answer.err and len(answer.err.splitlines()) == 1
     assert "refused: 1 cannot be run" in (tmp_path / "gate.md").read_text()
+
+
+times = st.lists(st.integers(1, 10**6).map(float), min_size=3, max_size=9)
+
+
+@given(times, times)
+def test_the_verdict_is_that_of_exact_arithmetic(base: list[float], head: list[float]) -> None:
+    def median(values: list[float]) -> Fraction:
+        ordered, half = sorted(Fraction(value) for value in values), len(values) // 2
+        return ordered[half] if len(values) % 2 else (ordered[half - 1] + ordered[half]) / 2
+
+    found = judge_time("tiny", head, base, 0.25)
+    ratio = median(head) / median(base)
+    assert found.head / found.base == pytest.approx(float(ratio))
+    assert found.limit == 1.25 * found.base and found.reason.startswith(f"{100 * (float(ratio) - 1):+.1f} %")
+    if ratio not in (Fraction(5, 4), Fraction(4, 5)):
+        expected = "worse" if ratio > Fraction(5, 4) else "better" if ratio < Fraction(4, 5) else "within noise"
+        assert found.verdict == expected
+
+
+def test_the_wider_side_is_told() -> None:
+    found = judge_time("tiny", [1.0, 1.0, 1.1], [2.0, 2.0, 2.0], 0.25)
+    assert found.reason == "-50.0 %, processes of a side within 10 %"
+
+
+@pytest.mark.parametrize("wrong", [[1.0, 1.0, 0.0], [1.0, 1.0, math.nan]])
+def test_times_that_say_nothing_are_refused(wrong: list[float]) -> None:
+    with pytest.raises(InputError, match="base"):
+        judge_time("tiny", [1.0, 1.0, 1.0], wrong, 0.05)
+
+
+def test_a_steady_drift_favours_neither_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(8))
+    monkeypatch.setattr("hhsim.gate.run.measured", lambda *_: next(clock))
+    sides = [Side(name, Path(), "", "") for name in ("head", "base")]
+    scene = GateScene(name="tiny", object="cube", trajectory="pinch")
+    head, base = process_times(scene, Path(), *sides, 4, lambda _: None)
+    assert sum(head) == sum(base) == 14

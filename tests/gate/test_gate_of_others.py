@@ -3,19 +3,15 @@
 import json
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from conftest import Answer, Run
-from file_faults import Fault, at, attribute
 from gate_scene import SHORT
 from live_session import write_session
 from own_command import HHSIM
-from sampled import sampled
 from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 
@@ -36,7 +32,6 @@ import hhsim
 
 EXTRA_WORK = 0
 FREEZES = False
-INSIDE = False
 
 
 class Own:
@@ -63,9 +58,9 @@ class Own:
 
     def answer(self, haptic):
         tick = self.solver.run(*(values[None] for values in haptic))
-        shown = haptic if INSIDE else hhsim.HandConfiguration.of(tick).at(0)
         palm = tick.total[0] - tick.phalanx[0].sum(axis=(0, 1))
-        return hhsim.TickAnswer(shown, tick.phalanx[0], palm, work=int(tick.work[0].sum()) + EXTRA_WORK)
+        shown, work = hhsim.HandConfiguration.of(tick).at(0), int(tick.work[0].sum()) + EXTRA_WORK
+        return hhsim.TickAnswer(shown, tick.phalanx[0], palm, work=work)
 '''
 
 SUITE = """
@@ -89,14 +84,13 @@ level = 2
 """
 
 
-def write_recording(path: Path, depth: float) -> None:
-    """A grasp that goes so much farther in than it has to, at 100 Hz."""
+def write_recording(path: Path) -> None:
+    """A grasp, at 100 Hz."""
     ticks = short_scene(short_grasp(release=0.05)).hands[0].ticks
-    flexion = ticks.flexion * (1.0 + depth)
     fingers = ("thumb", "index", "middle", "ring", "little")
     names = ["time", "px", "py", "pz", "qw", "qx", "qy", "qz"]
     names += [f"{finger}_flex{joint}" for finger in fingers for joint in (1, 2, 3)] + [f"{one}_abd" for one in fingers]
-    columns = (ticks.time, ticks.position, ticks.orientation, flexion, ticks.abduction)
+    columns = (ticks.time, ticks.position, ticks.orientation, ticks.flexion, ticks.abduction)
     rows = np.concatenate([values.reshape(len(ticks.time), -1) for values in columns], axis=1)[::10]
     np.savetxt(path, rows, delimiter=",", header=f"# hand: right\n{','.join(names)}", comments="", fmt="%.9g")
 
@@ -112,7 +106,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("company")
     (folder / "own_method.py").write_text(METHOD)
     (folder / "short.toml").write_text(SHORT)
-    write_recording(folder / "recording.csv", 0.0)
+    write_recording(folder / "recording.csv")
     (folder / "hhsim-gate.toml").write_text(SUITE)
     hhsim("gate", "--no-time", "--write-baseline", "baseline.json", folder=folder)
     return folder
@@ -152,18 +146,9 @@ def method(old: str, new: str) -> Callable[[Path], None]:
 
 
 REGRESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
-    "deeper": (method("INSIDE = False", "INSIDE = True"), "method, penetration, max: over the limit"),
-    "slower in work": (
-        method("EXTRA_WORK = 0", "EXTRA_WORK = 900"),
-        "method, work units: more than 0.5 % above the base",
-    ),
     "freezes": (
         method("FREEZES = False", "FREEZES = True"),
         "method, joints off the input in free space, max: over the limit",
-    ),
-    "a limit missed": (
-        lambda head: write_recording(head / "recording.csv", 3.0),
-        "recording, force in contact, largest: over the limit",
     ),
     "no work told": (method("gives_work = True", ""), f"method, work units: {LOST}"),
     "no forces told": (method("gives_forces = True", ""), f"method, largest force step while moving: {LOST}"),
@@ -182,7 +167,7 @@ def test_what_is_not_hhsims_own_is_gated_and_green(project: Path, gate: Gate) ->
     assert not {("method", "stuck_ticks"), ("method", "linearisations")} & judged
 
 
-@pytest.mark.parametrize("regression", sampled(REGRESSIONS, lambda i, _: i < 1))
+@pytest.mark.parametrize("regression", REGRESSIONS)
 @pytest.mark.soak
 def test_a_regression_of_others_is_red_and_named_in_one_line(head: Path, gate: Gate, regression: str) -> None:
     plant, line = REGRESSIONS[regression]
@@ -204,17 +189,6 @@ def test_a_limit_on_what_a_run_does_not_have_is_told_in_a_line(head: Path, gate:
     assert answer.code == 0, answer.out
     untold = "method: limit on stuck_ticks, lag_ticks, lag_max, rows_max not judged: the method does not tell it"
     assert f"note: {untold}" in answer.out.splitlines()
-
-
-@pytest.mark.soak
-def test_a_pointer_that_git_lfs_left_is_named_once(head: Path, gate: Gate) -> None:
-    only(head, "recording")
-    pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 400000\n"
-    (head / "recording.csv").write_text(pointer)
-    answer = gate(head)
-    assert answer.code == 2
-    assert (answer.out + answer.err).count("git lfs pull") == 1
-    assert "hhsim: error: recording: " in answer.err and sys.executable not in answer.err
 
 
 @pytest.mark.soak
@@ -264,28 +238,15 @@ def test_a_result_is_judged_the_same_in_every_folder(project: Path, tmp_path: Pa
     assert row.limit == 1e-6, "its file says that the method promises it"
 
 
-def malformed(file: h5py.File) -> None:
-    counters = json.loads(file["hands/right/live"].attrs["counters"])
-    file["hands/right/live"].attrs["counters"] = json.dumps({**counters, "frames": 60_000, "malformed": 1280})
-
-
-SOME = slice(50, 60)
-IN_SESSIONS: dict[Fault, str] = {
-    at("stuck", "hands/right/tick/status", SOME, lambda x: x | STATUS_STUCK): "stuck_ticks",
-    at("lag", "hands/right/tick/status", SOME, lambda x: x | STATUS_LAG): "lag_ticks",
-    attribute("killed", "hands/right/live", "ended", lambda x: "the loop failed or was killed"): "ended_early",
-    malformed: "malformed_share",
-    at("freed", "hands/right/live/tick/safety", SOME, lambda x: int(Safety.STALE_INPUT)): "freed_share",
-}
-
-
-@pytest.mark.soak
 def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
     path = tmp_path / "session.h5"
     write_session(path)
-    assert not {row.name for row in gate_result(load_result(path)).missed} & set(IN_SESSIONS.values())
-    for fault, figure in IN_SESSIONS.items():
-        shutil.copy(path, tmp_path / "faulty.h5")
-        with changed(tmp_path / "faulty.h5") as file:
-            fault(file)
-        assert figure in {row.name for row in gate_result(load_result(tmp_path / "faulty.h5")).missed}
+    figures = {"stuck_ticks", "lag_ticks", "ended_early", "malformed_share", "freed_share"}
+    assert not {row.name for row in gate_result(load_result(path)).missed} & figures
+    with changed(path) as file:
+        hand = file["hands/right"]
+        hand["tick/status"][50:60] = STATUS_STUCK | STATUS_LAG
+        hand["live/tick/safety"][50:60] = Safety.STALE_INPUT
+        counters = {**json.loads(hand["live"].attrs["counters"]), "frames": 60_000, "malformed": 1280}
+        hand["live"].attrs.update({"counters": json.dumps(counters), "ended": "the loop failed or was killed"})
+    assert figures <= {row.name for row in gate_result(load_result(path)).missed}

@@ -135,6 +135,7 @@ def test_what_is_no_python_with_hhsim_is_refused(tmp_path: Path) -> None:
         find_side("base", empty)
 
 
+@pytest.mark.soak
 def test_the_folder_that_the_gate_runs_in_is_not_where_modules_come_from(tmp_path: Path) -> None:
     (tmp_path / "hhsim").mkdir()
     (tmp_path / "hhsim" / "__init__.py").write_text("raise ImportError('the wrong hhsim')\n")

@@ -5,6 +5,7 @@ import os
 import re
 import threading
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -101,19 +102,6 @@ def test_the_caller_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     assert state() == before
 
 
-class Accounts:
-    """Readings as they are scripted, before and after: of the run delay and of the steal."""
-
-    def __init__(self, readings: list[tuple[int, int]]) -> None:
-        self.readings = iter(readings)
-
-    def totals(self) -> tuple[int, int]:
-        return next(self.readings)
-
-    def close(self) -> None:
-        pass
-
-
 @pytest.mark.parametrize(
     ("readings", "overslept", "first", "told"),
     [
@@ -145,7 +133,7 @@ def test_every_missed_period_is_counted_beside_the_accounts(
 
     monkeypatch.setattr(doctor, "wait_periods", wait)
     scale = [tuple(MS * value if value > 0 else value for value in pair) for pair in readings]
-    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Accounts(scale))  # type: ignore[arg-type]
+    monkeypatch.setattr(doctor, "CpuAccounts", lambda cpu: Mock(totals=iter(scale).__next__))
     measured = measure_wakeups(1000.0, 0.05 * len(overslept), RealTimeWishes.none())
     assert (measured.missed, measured.streak) == (sum(overslept), max(overslept))
     assert measured.periods == 50 * len(overslept)

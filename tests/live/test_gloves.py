@@ -174,3 +174,11 @@ def test_the_help_imports_no_driver_and_nothing_heavy() -> None:
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     assert {"numpy", "numba", "h5py", "scipy", "trimesh"}.isdisjoint(loaded)
     assert not [name for name in loaded if name.startswith("hhsim.live.drivers")]
+
+
+@pytest.mark.parametrize("driver", ["dexmo", "udp"])
+def test_the_watchdog_is_small(driver: str) -> None:
+    program = f"import sys, hhsim.live.session.watchdog, hhsim.live.drivers.{driver}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert len([name for name in loaded if name.split(".")[0] == "hhsim"]) <= 22
+    assert {"numba", "trimesh", "h5py", "scipy"}.isdisjoint(loaded)

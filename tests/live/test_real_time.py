@@ -1,7 +1,8 @@
-"""What the system grants, in processes of their own: every wish may be refused, and each refusal is said."""
+"""What the system grants, in processes of their own, where each refusal is said; and who had the processor."""
 
 import json
 import os
+import select
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import pytest
 from live_scripted import make_setup
 
 from hhsim.live import real_time
+from hhsim.live.cpu_accounts import UNKNOWN, CpuAccounts
 from hhsim.live.processes import write_setup
 from hhsim.live.real_time import RealTimeWishes, described, keep_off, processors_awake
 from hhsim.live.session.memory import SessionMemory
@@ -104,22 +106,31 @@ def test_what_a_loop_uses_is_locked() -> None:
     assert int(child.stdout) > 1000, child.stderr
 
 
-def run_loop(**changes: object) -> tuple[subprocess.CompletedProcess[str], SessionMemory]:
-    wishes = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1)
-    memory = SessionMemory.create()
-    setup = write_setup(make_setup(**({"real_time": wishes} | changes)), memory)
-    child = subprocess.run(
-        [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)],
-        pass_fds=(setup, *memory.descriptors),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return child, memory
+CHILD = """
+import os, time
+from hhsim.live.real_time import end_with
+print(end_with(os.getppid()), os.getpid(), flush=True)
+time.sleep(100)
+"""
 
 
+def test_a_process_ends_with_the_one_that_started_it() -> None:
+    program = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {CHILD!r}])"
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        granted, child = parent.stdout.readline().split()
+        end = os.pidfd_open(int(child))
+        parent.kill()
+    assert granted == "True" and select.select([end], [], [], 60.0)[0]
+    os.close(end)
+
+
+@pytest.mark.soak
 def test_a_loop_whose_supervisor_is_gone_does_not_begin() -> None:
-    child, memory = run_loop(supervisor=1 if os.getpid() != 1 else 2)
+    wishes, memory = RealTimeWishes(punctual=False, lock_memory=False, cpu=-1), SessionMemory.create()
+    setup = write_setup(make_setup(real_time=wishes, supervisor=1 if os.getpid() != 1 else 2), memory)
+    command = [sys.executable, "-m", "hhsim.live.session.loop", "--setup", str(setup)]
+    child = subprocess.run(command, pass_fds=(setup, *memory.descriptors), capture_output=True, text=True)
     assert child.returncode == 2
     assert "supervisor" in child.stderr
     assert memory.status["ticks"] == 0
@@ -139,3 +150,48 @@ def test_the_neighbours_keep_off_the_loops_processor_where_there_is_another() ->
         assert RealTimeWishes().chosen().loop_cpu == -1
     finally:
         os.sched_setaffinity(0, before)
+
+
+STAT = """cpu  30 0 20 900 1 0 0 {both} 0 0
+cpu0 10 0 10 400 1 0 0 {first} 0 0
+cpu1 20 0 10 500 0 0 0 {second} 0 0
+intr 5 4 3
+"""
+
+
+def planted(folder: Path, first: int = 4, second: int = 7, schedule: str = "11 222 3\n") -> Path:
+    (folder / "thread-self").mkdir(exist_ok=True)
+    (folder / "stat").write_text(STAT.format(first=first, second=second, both=first + second))
+    (folder / "thread-self" / "schedstat").write_text(schedule)
+    return folder
+
+
+def test_steal_is_that_of_the_processors_meant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    step = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+    for cpu, steps in ((0, 4), (1, 7), (None, 11)):
+        accounts = CpuAccounts(cpu, planted(tmp_path))
+        assert (accounts.steal_ns(), accounts.run_delay_ns()) == (steps * step, 222)
+        accounts.close()
+
+
+def test_a_reading_is_of_now(tmp_path: Path) -> None:
+    accounts = CpuAccounts(1, planted(tmp_path))
+    before = accounts.steal_ns(), accounts.run_delay_ns()
+    planted(tmp_path, second=9, schedule="12 5000222 4\n")
+    assert accounts.steal_ns() - before[0] == 2 * accounts.steal_step_ns
+    assert accounts.run_delay_ns() - before[1] == 5_000_000
+    accounts.close()
+    accounts.close()
+
+
+@pytest.mark.parametrize("stat", [None, "", "cpu  1 2 3\ncpu1 20 0 10 500\n", "intr 1\n"])
+@pytest.mark.parametrize("schedule", [None, "", "0\n", "a b c\n"])
+def test_what_nobody_counts_is_unknown(tmp_path: Path, stat: str | None, schedule: str | None) -> None:
+    planted(tmp_path)
+    for path, text in ((tmp_path / "stat", stat), (tmp_path / "thread-self" / "schedstat", schedule)):
+        path.unlink()
+        if text is not None:
+            path.write_text(text)
+    accounts = CpuAccounts(1, tmp_path)
+    assert (accounts.steal_ns(), accounts.run_delay_ns()) == (UNKNOWN, UNKNOWN)

@@ -13,20 +13,20 @@ from hhsim.live.tcp import TcpLink, is_itself
 
 
 @contextmanager
-def pair() -> Iterator[tuple[TcpLink, socket.socket]]:
-    """A link, and the peer's end of it."""
+def pair() -> Iterator[tuple[TcpLink, socket.socket, socket.socket]]:
+    """A link, the peer's end of it, and where the peer listens."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
         link.connect(PATIENCE)
         peer, _ = listener.accept()
         peer.settimeout(PATIENCE)
         with peer:
-            yield link, peer
+            yield link, peer, listener
         link.close()
 
 
 def test_a_peer_that_takes_nothing_gets_whole_messages_or_none() -> None:
-    with pair() as (link, peer):
+    with pair() as (link, peer, _):
         sent = []
         for k in range(200):
             message = bytes([k]) * 1_000_003
@@ -47,7 +47,7 @@ def test_a_peer_that_takes_nothing_gets_whole_messages_or_none() -> None:
 
 
 def test_a_slow_peer_is_sent_nothing_that_is_not_urgent() -> None:
-    with pair() as (link, peer):
+    with pair() as (link, peer, _):
         while link.send(bytes(100)):
             pass
         assert not link.send(b"no") and link.send(b"yes", urgent=True)
@@ -57,52 +57,41 @@ def test_a_slow_peer_is_sent_nothing_that_is_not_urgent() -> None:
 
 
 def test_a_message_that_must_go_takes_a_fresh_connection_where_this_one_is_full() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
-        link.connect(PATIENCE)
-        first, _ = listener.accept()
-        with first:
-            message = b"let go" * 20_000
-            for _ in range(1000):
-                assert link.send_within(message, 4.0)
-                if link.connection == 2:
-                    break
-            second, _ = listener.accept()
-            with second:
-                got = b""
-                while len(got) < len(message):
-                    got += second.recv(1 << 20)
-                assert got == message
-        link.close()
+    with pair() as (link, _, listener):
+        message = b"let go" * 20_000
+        for _ in range(1000):
+            assert link.send_within(message, 4.0)
+            if link.connection == 2:
+                break
+        second, _ = listener.accept()
+        with second:
+            got = b""
+            while len(got) < len(message):
+                got += second.recv(1 << 20)
+            assert got == message
 
 
 def test_retiring_waits_for_nothing_and_resets_the_connection_only_later(monkeypatch: pytest.MonkeyPatch) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        link = TcpLink("127.0.0.1", listener.getsockname()[1], "the peer")
-        link.connect(PATIENCE)
-        peer, _ = listener.accept()
-        peer.settimeout(PATIENCE)
-        with peer:
-            peer.sendall(bytes(100))
-            assert link.send(b"last word")
-            link.retire()
-            assert link.descriptors() == ()
-            # A server that writes before it reads; a reset would make this fail.
-            for _ in range(50):
-                peer.sendall(bytes(1000))
-            assert peer.recv(100) == b"last word" and peer.recv(100) == b""
-            until(link.reconnect)
-            fresh, _ = listener.accept()
-            with fresh:
-                fresh.settimeout(PATIENCE)
-                assert link.send(b"hello") and fresh.recv(100) == b"hello"
-                peer.sendall(b"still heard")
-                # A server that goes on is not left with a connection that nobody reads.
-                monkeypatch.setattr(tcp, "GIVE_UP", 0.0)
-                assert link.receive() is None
-                with pytest.raises(OSError):
-                    until(lambda: peer.send(b"more") == 0)
-        link.close()
+    with pair() as (link, peer, listener):
+        peer.sendall(bytes(100))
+        assert link.send(b"last word")
+        link.retire()
+        assert link.descriptors() == ()
+        # A server that writes before it reads; a reset would make this fail.
+        for _ in range(50):
+            peer.sendall(bytes(1000))
+        assert peer.recv(100) == b"last word" and peer.recv(100) == b""
+        until(link.reconnect)
+        fresh, _ = listener.accept()
+        with fresh:
+            fresh.settimeout(PATIENCE)
+            assert link.send(b"hello") and fresh.recv(100) == b"hello"
+            peer.sendall(b"still heard")
+            # A server that goes on is not left with a connection that nobody reads.
+            monkeypatch.setattr(tcp, "GIVE_UP", 0.0)
+            assert link.receive() is None
+            with pytest.raises(OSError):
+                until(lambda: peer.send(b"more") == 0)
 
 
 @pytest.mark.parametrize(
@@ -123,5 +112,5 @@ def test_a_socket_connected_to_itself_is_no_server() -> None:
         link.bind(("127.0.0.1", 0))
         link.connect(link.getsockname())
         assert is_itself(link)
-    with pair() as (_, peer):
+    with pair() as (_, peer, _):
         assert not is_itself(peer)

@@ -5,14 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_rings import FACTS, make_setup, solved_ticks
+from live_rings import make_setup, session_file, solved_ticks
 from sealed_change import changed
 
 from hhsim.errors import DamagedFileError
-from hhsim.live.device import COUNTERS, DeviceCounters
-from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import EVENT
-from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
+from hhsim.live.device import DeviceCounters
+from hhsim.live.session.recorder import LOOP_DIED
 from hhsim.live.session.statistics import LiveTally
 from hhsim.live.session.supervisor import SessionOutcome
 from hhsim.metrics.session_faults import FaultCounts, broken_off, ended_before_its_time, recorded_faults
@@ -29,18 +27,12 @@ def ticks(tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
 
 
 def recorded(path: Path, ticks: np.ndarray, ended: str, *levels: int) -> Result:
-    setup, ticks = make_setup(path), ticks.copy()
+    ticks = ticks.copy()
     ticks["safety"] = 0
     ticks["safety"][:FREED] = int(Safety.DEVICE_LOST | Safety.STALE_INPUT)
     ticks["safety"][-FREED:] = int(Safety.STOPPING)
-    events = np.zeros(len(levels), EVENT)
-    events["level"], events["text"] = levels, b"the glove is gone"
-    counters = np.zeros(len(COUNTERS), np.int64)
-    counters[COUNTERS.index("frames")], counters[COUNTERS.index("malformed")] = FRAMES, MALFORMED
-    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
-        writer.write([{"ticks": (0, ticks), "events": (0, events)}], counters)
-        writer.complete(ended, counters, 0, {})
-    return load_result(path)
+    events = [(0, level, "the glove is gone") for level in levels]
+    return session_file(path, ticks, ended, events, frames=FRAMES, malformed=MALFORMED)
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ def test_a_chart_is_the_same_bytes_whatever_the_users_style(
 
 @pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
-@pytest.mark.quick("series_figure")
+@pytest.mark.quick("histogram_figure")
 def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(result: Result, draw: Chart, tmp_path: Path) -> None:
     def undefine(values: NDArray[np.generic]) -> None:
         values[50:] = np.nan

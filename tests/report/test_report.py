@@ -6,6 +6,7 @@ import re
 import resource
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ from hhsim.replay.summary_table import summary_rows
 from hhsim.replay.verdict import result_rows
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import CHARTS, check_report_path, make_report, write_report
-from hhsim.result.reader import load_result
+from hhsim.report.sections import letter, result_labels
+from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
@@ -111,14 +113,9 @@ def test_the_table_is_the_one_that_replay_printed(replayed: tuple[Path, ReplaySu
 
 
 def test_a_run_that_was_cut_short_has_its_table_from_its_ticks(coupled: Path, tmp_path: Path) -> None:
-    def cut(file: h5py.File) -> None:
-        file.attrs["complete"] = 0
-        for name in list(file["summary/right"].attrs):
-            del file["summary/right"].attrs[name]
-
     summary = load_result(coupled).summary
     whole = {row.name: row for row in summary_rows({name: summary[name] for name in run_metrics() if name in summary})}
-    short = load_result(changed(coupled, tmp_path, cut))
+    short = load_result(changed(coupled, tmp_path, lambda file: emptied(file, load_result(coupled).ticks)))
     rows = {row.name: row for row in result_rows(short)}
     # These are of runs of their own.
     assert whole.keys() - rows.keys() == {name for name in whole if run_metrics()[name].own_run}
@@ -342,3 +339,40 @@ def test_a_full_disk_leaves_nothing_of_a_report(coupled: Path, tmp_path: Path) -
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, unlimited)
     assert list(tmp_path.iterdir()) == []
+
+
+def otherwise(result: Result, solver: dict[str, Any] | None = None, **scene: Any) -> Result:
+    """The same result with other options."""
+    return replace(result, scene={**result.scene, **scene, "solver": {**result.scene["solver"], **(solver or {})}})
+
+
+@pytest.fixture(scope="module")
+def plain(coupled: Path) -> Result:
+    return load_result(coupled)
+
+
+def test_one_result_is_its_method(plain: Result) -> None:
+    assert result_labels([plain]) == ["coupled"]
+    assert result_labels([otherwise(plain, {"method": ""})]) == ["method"]
+    assert [letter(place) for place in (0, 25, 26, 701, 702)] == ["A", "Z", "AA", "ZZ", "AAA"]
+
+
+def test_methods_are_told_without_what_follows_from_them(plain: Result) -> None:
+    other = otherwise(plain, {"method": "paper", "force": "paper", "margin": 5e-4, "linearisations": 1})
+    assert result_labels([plain, other]) == ["A: coupled", "B: paper"]
+
+
+def test_object_and_motion_are_told_where_they_differ(plain: Result) -> None:
+    cup, pinch = otherwise(plain, object_name="cup"), otherwise(plain, motion="pinch")
+    assert result_labels([plain, cup]) == ["A: cylinder coupled", "B: cup coupled"]
+    assert result_labels([plain, pinch]) == ["A: short coupled", "B: pinch coupled"]
+
+
+def test_options_are_told_that_are_not_usual_and_not_of_all(plain: Result) -> None:
+    soft = otherwise(plain, {"stiffness": {**plain.scene["solver"]["stiffness"], "translation": 200.0}})
+    thin = otherwise(plain, {"margin": 2e-3}, seed=3)
+    labels = ["A: coupled", "B: coupled, stiffness translation 200", "C: coupled, seed 3, margin 2 mm"]
+    assert result_labels([plain, soft, thin]) == labels
+    assert result_labels([thin, thin]) == ["A: coupled", "B: coupled"]
+    slow = otherwise(plain, {"period": 1 / 72}, rate=72.0)
+    assert result_labels([plain, slow])[1].startswith("B: coupled, rate 72")

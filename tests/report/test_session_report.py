@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawings_alone import leave_charts_undrawn
-from live_rings import BEGAN, FACTS, PERIOD, make_setup, numbered_samples, solved_ticks
+from live_rings import BEGAN, PERIOD, make_setup, session_file, solved_ticks
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -14,15 +14,12 @@ from report_reader import read_page
 from short_grasp import short_result
 
 from hhsim.hand.fingers import FINGERS
-from hhsim.live.device import COUNTERS
-from hhsim.live.session.loop import loop_options
-from hhsim.live.session.memory import EVENT
-from hhsim.live.session.recorder import LOOP_DIED, SessionWriter
+from hhsim.live.session.recorder import LOOP_DIED
 from hhsim.metrics.session_faults import recorded_faults
 from hhsim.report.figure import ReportFigure
 from hhsim.report.report import make_report
 from hhsim.report.time_series import series_figure
-from hhsim.result.reader import Result, load_result
+from hhsim.result.reader import Result
 from hhsim.result.schema import FAULT, WARNING
 
 pytestmark = pytest.mark.slow
@@ -46,18 +43,10 @@ def undrawn() -> Iterator[list[Figure]]:
 
 def recorded(path: Path, reason: str) -> Result:
     """A session with a warning and a fault that ended for a reason."""
-    setup = make_setup(path)
-    ticks = solved_ticks(setup)
+    ticks = solved_ticks(make_setup(path))
     ticks["command_stiffness"][STIFF] = TOLD
-    events = np.zeros(2, EVENT)
-    events["level"] = WARNING, FAULT
-    events["time_ns"] = BEGAN + PERIOD * 100, BEGAN + PERIOD * FAULT_TICK
-    events["text"] = b"late", b"the glove is gone"
-    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
-        counters = np.zeros(len(COUNTERS), np.int64)
-        writer.write([{"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, events)}], counters)
-        writer.complete(reason, counters, 0, {})
-    return load_result(path)
+    told = (100, WARNING, "late"), (FAULT_TICK, FAULT, "the glove is gone")
+    return session_file(path, ticks, reason, [(BEGAN + PERIOD * tick, *word) for tick, *word in told])
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import csv
 import json
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -24,6 +24,7 @@ from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
 
+needs_mujoco = pytest.mark.skipif(find_spec("mujoco") is None, reason="pip install 'hhsim[mjcf]' brings mujoco")
 SINGLE = 1e-6
 """Bound of distances [m] of vertices, of which MuJoCo keeps 32 bits."""
 
@@ -156,6 +157,7 @@ def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tupl
     assert (np.ptp(recorded[:, 0, 1]) if parts.driven else np.ptp(moved)) > 0.05
 
 
+@pytest.mark.quick("drawer")
 def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Path, Result]) -> None:
     _, folder, result = replayed
     first, *others = json.loads((folder / "scene.json").read_text())["bodies"]
@@ -167,6 +169,7 @@ def test_the_folder_states_the_bodies_as_a_result_does(replayed: tuple[Scene, Pa
     assert {row["body"] for row in rows} == set(names) and len(rows) > 8 * len(names) / 2
 
 
+@needs_mujoco
 @pytest.mark.soak
 def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
@@ -210,15 +213,11 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
             assert geom.friction.tolist() == [own.friction, own.torsion, 0.0] and geom.priority[0] == 1
             assert geom.condim[0] == (4 if own.torsion else 3)
     # A cup is not its hull: its spheres collide.
-    touching = {name: touching_geoms(model, name) for name in bodies}
-    assert {name for name, count in touching.items() if count > 1} == {"wall"}
+    touching = {name: (model.geom_bodyid == model.body(name).id) & (model.geom_contype > 0) for name in bodies}
+    assert {name for name, own in touching.items() if own.sum() > 1} == {"wall"}
 
 
-def touching_geoms(model: Any, name: str) -> int:
-    own = model.geom_bodyid == model.body(name).id
-    return int((own & (model.geom_contype > 0)).sum())
-
-
+@needs_mujoco
 def test_bodies_rest_on_table_and_bodies_and_pass_through_what_bears_them(tmp_path: Path) -> None:
     scene = open_scene("drawer", "shut", level=1)
     write_scene_folder(scene, tmp_path / "drawer")
@@ -255,6 +254,7 @@ def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str
     return rows, np.array([[[float(row[part + name]) for name in columns] for part in names] for row in rows])
 
 
+@needs_mujoco
 def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
     scene = open_scene("laptop", "open", level=1, rate=200.0)
     write_scene_folder(scene, tmp_path / "s")
@@ -279,6 +279,7 @@ def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
             same_points(at.vertices(part), turned(mesh.vertices, pose[:3], pose[3:]))
 
 
+@needs_mujoco
 def test_the_model_starts_with_the_first_hand_whatever_hangs_where(tmp_path: Path) -> None:
     scene = own_scene(tmp_path)
     write_scene_folder(scene, tmp_path / "s")

@@ -31,7 +31,7 @@ from hhsim.submissions.scene_folder import (
     worded_scene,
     write_scene_folder,
 )
-from hhsim.submissions.score import BODY_DEPTH, MESH_DEPTH, OFF_BEST_MAX, Score, scene_of, score
+from hhsim.submissions.score import BODY_DEPTH, MESH_DEPTH, OFF_BEST_MAX, scene_of, score
 from hhsim.verify.verify import verify
 
 CLASS = "project_out:ProjectOut"
@@ -67,19 +67,11 @@ def poses_of(result: Result, scene: Scene, *, forces: bool = True) -> Submission
     )
 
 
-@pytest.fixture(scope="module")
-def as_file(scene: Scene, as_class: Result, tmp_path_factory: pytest.TempPathFactory) -> tuple[Score, Result]:
-    path = tmp_path_factory.mktemp("file") / "poses.csv"
-    path.write_text(format_poses(poses_of(as_class, scene)))
-    found = score(read_submission(path), scene, path.with_name("result.h5"))
-    return found, load_result(path.with_name("result.h5"))
-
-
 @pytest.mark.soak
-def test_a_class_and_the_file_of_its_poses_have_the_same_errors(
-    as_class: Result, as_file: tuple[Score, Result]
-) -> None:
-    found, result = as_file
+def test_a_class_and_the_file_of_its_poses_have_the_same_errors(scene: Scene, as_class: Result, tmp_path: Path) -> None:
+    (tmp_path / "poses.csv").write_text(format_poses(poses_of(as_class, scene)))
+    found = score(read_submission(tmp_path / "poses.csv"), scene, tmp_path / "result.h5")
+    result = load_result(tmp_path / "result.h5")
     assert found.suspicions == ()
     times = {"tick_cpu_p50", "tick_cpu_p99", "tick_cpu_max", "tick_wall_p50", "tick_wall_over_1ms"}
     # The hold again, by a hand that trembles, is of a method that can be run again, and its work of one that counts it.
@@ -109,7 +101,7 @@ def test_what_is_not_given_has_no_row_and_no_claim_is_false(scene: Scene, as_cla
     assert labels[:3] == ["penetration_max", "mesh_depth_max", "contact_error_max"]
     assert {"off_best_mean", "off_best_max"} < set(labels)
     assert result.scene["submission"]["suspicions"] == []
-    assert not [claim.name for claim in verify(result, every=20).claims if claim.failed]
+    assert not [claim.name for claim in verify(result, every=60).claims if claim.failed]
 
 
 @pytest.mark.soak

@@ -1,6 +1,6 @@
 """Damaged submissions: each is refused or suspected by name, and a sound one is neither."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -125,14 +125,6 @@ POSES: dict[str, tuple[Damage, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", POSES)
-def test_damaged_poses_are_named(case: str, tmp_path: Path) -> None:
-    damage, word = POSES[case]
-    path = tmp_path / "poses.csv"
-    path.write_text(format_poses(as_submission(sound() | damage(sound()))))
-    assert word in word_on(path)
-
-
 SAID: dict[str, tuple[dict[str, Any], str]] = {
     "another scene": (
         {"scene": "ab" * 32, "made_by": {"object": "teapot", "trajectory": "touch"}},
@@ -142,14 +134,6 @@ SAID: dict[str, tuple[dict[str, Any], str]] = {
     "a left hand": ({"hand": "left"}, "is of a left hand"),
     "no hand": ({"hand": "both"}, "expected right or left"),
 }
-
-
-@pytest.mark.parametrize("case", SAID)
-def test_what_it_says_of_itself_has_to_be_the_scenes(case: str, tmp_path: Path) -> None:
-    said, word = SAID[case]
-    path = tmp_path / "poses.csv"
-    path.write_text(format_poses(as_submission(sound(), **said)))
-    assert word in word_on(path)
 
 
 def text(change: Callable[[str], str]) -> Callable[[Path], object]:
@@ -199,14 +183,26 @@ def test_semicolons_or_tabs_between_columns_are_the_same_submission(separator: s
     assert format_poses(read_submission(tmp_path / "others.csv")) == format_poses(read_submission(path))
 
 
-@pytest.mark.parametrize("case", TEXTS)
-def test_damaged_text_is_named(case: str, tmp_path: Path) -> None:
-    damage, word = TEXTS[case]
+Cases = Iterator[tuple[str, Submission, Callable[[Path], object], str]]
+
+
+def damaged() -> Cases:
+    """Name of each case, what is written, what is done to the file, and the word that names it."""
+    for name, (damage, word) in POSES.items():
+        yield name, as_submission(sound() | damage(sound())), Path.exists, word
+    for name, (said, word) in SAID.items():
+        yield name, as_submission(sound(), **said), Path.exists, word
     arrays = {name: values for name, values in sound().items() if name in PARTS and not PARTS[name].optional}
-    path = tmp_path / "poses.csv"
-    path.write_text(format_poses(as_submission(arrays)))
-    damage(path)
-    assert word in word_on(path)
+    for name, (change, word) in TEXTS.items():
+        yield name, as_submission(arrays), change, word
+
+
+def test_damaged_poses_are_named(tmp_path: Path) -> None:
+    for name, submission, change, word in damaged():
+        path = tmp_path / "poses.csv"
+        path.write_text(format_poses(submission))
+        change(path)
+        assert word in word_on(path), name
 
 
 def test_no_file_and_another_file_are_named(tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
 """A sweep: every cell is the replay that it stands for, what is done is not done again, what failed is."""
 
+import csv
 import json
 import os
+import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,10 +11,10 @@ from typing import Any
 
 import pytest
 from conftest import Run
+from linkage_samples import write_box
 from sweep_plans import PLAN, without_times, write_plan
 
 from hhsim.errors import OutputError
-from hhsim.mesh.shapes import box
 from hhsim.result.reader import load_result
 from hhsim.sweep import engines
 from hhsim.sweep.engines import CRASHED
@@ -21,26 +23,6 @@ from hhsim.sweep.plan import load_plan
 from hhsim.sweep.sweep import CellTask, SweepFolder, SweepSummary, cell_rows, run_sweep
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
-
-BROKEN = '''
-import os
-
-
-class Broken:
-    """Raises, or ends its process."""
-
-    def __init__(self, scene): ...
-
-    def begin(self, pose): ...
-
-    def tick(self, haptic):
-        raise RuntimeError("no hand")
-
-
-class Crashing(Broken):
-    def tick(self, haptic):
-        os._exit(3)
-'''
 
 
 @pytest.fixture
@@ -112,19 +94,15 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, in_this_process: list[st
     assert swept(tmp_path / "plan.toml", out).run == 1
 
 
-def test_a_cell_that_failed_is_tried_again(
-    tmp_path: Path, in_this_process: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "broken_method.py").write_text(BROKEN)
-    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"broken_method:Broken"'))
+def test_a_cell_that_failed_is_tried_again(tmp_path: Path, in_this_process: list[str]) -> None:
+    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"outside_methods:Raises"'))
     out = tmp_path / "out"
     failing = {digest for digest, cell in load_plan(path).cells.items() if cell.method != "coupled"}
     for run, done_before in ((1, 0), (0, 1)):
         found = swept(path, out)
         assert (found.run, found.done_before) == (run, done_before)
-        assert found.failed.keys() == failing and "RuntimeError: no hand" in found.failed[failing.copy().pop()]
-    assert in_this_process.count("cylinder, short, broken_method:Broken, usual") == 2
+        assert found.failed.keys() == failing and "ZeroDivisionError: of no use" in found.failed[failing.copy().pop()]
+    assert in_this_process.count("cylinder, short, outside_methods:Raises, usual") == 2
     assert not list((out / "cells").glob(".*"))
 
 
@@ -134,10 +112,8 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """The first cell runs before the file is replaced; with the old file back the other cells are run."""
-    corners, faces = box([0.05, 0.05, 0.06])
-    lines = [*(f"v {x} {y} {z}" for x, y, z in corners), *(f"f {a} {b} {c}" for a, b, c in faces + 1)]
     for file in ("thing.obj", "part.obj"):
-        (tmp_path / file).write_text("\n".join(lines))
+        write_box(tmp_path / file, (0.05, 0.05, 0.06))
     (tmp_path / "hand.toml").write_text("hand_length = 0.19\n")
     (tmp_path / "bodies.toml").write_text('[[body]]\nname = "part"\nmesh = "part.obj"\nfixed = true\n')
     shape = "bodies.toml" if name == "part.obj" else "thing.obj"
@@ -207,12 +183,9 @@ def test_times_of_cells_that_are_run_repeatedly_are_kept_and_more_runs_are_run(
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are watched on Linux")
 def test_a_process_that_crashes_fails_one_cell_and_the_others_go_on(tmp_path: Path) -> None:
-    (tmp_path / "broken_method.py").write_text(BROKEN)
-    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"broken_method:Crashing", "penalty"'))
+    path = write_plan(tmp_path, PLAN.replace('"penalty"', '"outside_methods:Crashes", "penalty"'))
     out = tmp_path / "out"
-    with pytest.MonkeyPatch.context() as patched:
-        patched.chdir(tmp_path)
-        found = swept(path, out, jobs=1)
+    found = swept(path, out, jobs=1)
     assert list(found.failed.values()) == [CRASHED]
     assert {row["cell"]["method"] for row in rows(out)} == {"coupled", "penalty"}
     assert not list((out / "cells").glob(".*"))
@@ -220,3 +193,31 @@ def test_a_process_that_crashes_fails_one_cell_and_the_others_go_on(tmp_path: Pa
 
 def rows(out: Path) -> list[dict[str, Any]]:
     return [json.loads(path.read_text()) for path in sorted((out / "cells").glob("*.json"))]
+
+
+def test_a_sweep_from_dry_run_to_table(run: Run, tmp_path: Path, in_this_process: list[str]) -> None:
+    more = "[options.deep]\nlevel = 3\nlinearisations = 9\n"
+    planned = write_plan(tmp_path, PLAN.replace('"penalty"', '"outside_methods:Raises"') + more)
+    answer = run("sweep", str(planned), "--dry-run")
+    assert answer.code == 0, answer.err
+    assert "4 cells: 0 done, 4 to run, 800 ticks" in answer.out
+    assert not (tmp_path / "results").exists()
+    answer = run("sweep", str(planned))
+    assert answer.code == 1, answer.err
+    assert "4 cells: 2 done now, 2 failed" in answer.out
+    failed = "cylinder, short, outside_methods:Raises, deep"
+    reason = "method 'outside_methods:Raises' fails: ZeroDivisionError: of no use (tick 2)"
+    assert re.search(f"{failed} +level=3 linearisations=9 +{re.escape(reason)}", answer.out)
+    assert re.search(r"cylinder +short +coupled +spheres +deep: level=3 linearisations=9 +within limits ", answer.out)
+    assert "all figures of each cell are in results/small/table.csv" in answer.out and " ± " not in answer.out
+    table = list(csv.DictReader((tmp_path / "results/small/table.csv").read_text().splitlines()))
+    assert [row["verdict"] for row in table].count("failed") == 2
+    assert {row["reason"] for row in table} == {reason, "", "contact_error_max"}
+    document = json.loads(run("sweep", str(planned), "--json").out)
+    assert (document["done_now"], document["done_before"], len(document["failed"])) == (0, 2, 2)
+    done = [(row, told) for row, told in zip(document["rows"], table, strict=True) if row["verdict"] != "failed"]
+    assert all(float(told["tick_cpu_p50 [s]"]) == row["tick_cpu_p50"] > 0.0 for row, told in done) and len(done) == 2
+    quiet = run("sweep", str(planned), "--quiet")
+    assert quiet.out == "" and len(document["failed"][0]["options"]) in (1, 2)
+    assert quiet.err.splitlines()[0] == "hhsim: missed: 2 cells failed"
+    assert f"hhsim: missed: {failed}: {reason}" in quiet.err.splitlines()[1:]

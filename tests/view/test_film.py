@@ -57,8 +57,6 @@ def test_an_animation_has_its_frames_and_its_speed(suffix: str, result: Result, 
 def test_what_cannot_be_filmed_is_told_before_the_work(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(InputError, match=r"\.gif, \.webp or \.mp4"):
-        check_video_path(tmp_path / "film.avi")
     with pytest.raises(OutputError, match="no folder"):
         check_video_path(tmp_path / "nowhere" / "film.gif")
     monkeypatch.setattr(shutil, "which", lambda name: None)

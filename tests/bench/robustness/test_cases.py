@@ -14,7 +14,7 @@ from hhsim.bench.figures import placed_of
 from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome, own_figures
 from hhsim.bench.robustness.contact_cases import SLIDE
 from hhsim.bench.robustness.input_cases import LOOP
-from hhsim.bench.robustness.objects import INDEX
+from hhsim.bench.robustness.objects import INDEX, crossings, threaded
 from hhsim.bench.suites.hard import common_figures, hard_cases, run_scenes
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.state import WORK_TOUCHING
@@ -155,3 +155,27 @@ def test_the_same_seed_gives_the_same_scene() -> None:
         once, again, other = (drawn(name, seed) for seed in (5, 5, 6))
         assert all(np.array_equal(*pair, equal_nan=True) for pair in zip(once, again, strict=True))
         assert not all(np.array_equal(*pair, equal_nan=True) for pair in zip(once, other, strict=True))
+
+
+def test_crossings_are_counted_through_the_disc_and_not_around_it() -> None:
+    def way(*points: tuple[float, float, float]) -> int:
+        return crossings(np.array(points)[:, None], 0.05)
+
+    assert way((0.0, 0.0, 0.1), (0.0, 0.0, -0.1)) == 1
+    assert way((0.0, 0.0, 0.1), (0.0, 0.0, -0.1), (0.01, 0.0, 0.1)) == 2
+    assert way((0.0, 0.0, 0.1), (0.1, 0.0, 0.1), (0.1, 0.0, -0.1), (0.0, 0.0, -0.1)) == 0
+    # Where it crosses counts, not where it was before: at x = 0.04, and at x = 0.06.
+    assert way((0.0, 0.0, 0.1), (0.08, 0.0, -0.1)) == 1
+    assert way((0.0, 0.0, 0.1), (0.12, 0.0, -0.1)) == 0
+    assert way((0.0, 0.0, 0.1), (0.01, 0.0, 0.05), (0.02, 0.0, 0.001)) == 0
+
+
+def test_a_finger_is_in_a_ring_or_it_is_not() -> None:
+    line = np.array([[0.0, -0.05, 0.0], [0.0, -0.01, 0.0], [0.0, 0.01, 0.0], [0.0, 0.05, 0.0]])
+    center, axis = np.zeros(3), np.array([0.0, 1.0, 0.0])
+    shifts = [(0.0, 0.0, 0.0), (0.009, 0.0, 0.0), (0.011, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, -0.2, 0.0)]
+    joints = np.array([line + shift for shift in shifts])
+    np.testing.assert_array_equal(threaded(joints, center, axis, 0.01), [True, True, False, False, False])
+    # In and out again is not in.
+    bent = np.array([[[0.0, -0.05, 0.0], [0.0, 0.01, 0.0], [0.001, 0.02, 0.0], [0.002, -0.05, 0.0]]])
+    assert not threaded(bent, center, axis, 0.01)[0]

@@ -28,7 +28,6 @@ pytestmark = pytest.mark.slow
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
-LEAVES = pieces_of("spheres", None, BALL)
 OPTIONS = SolverOptions()
 ON_MESH = SolverOptions(surface="mesh")
 CLEAR = 5e-7

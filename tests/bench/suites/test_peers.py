@@ -8,45 +8,28 @@ import numpy as np
 import pytest
 from conftest import Run
 from drawings_alone import trade_offs_undrawn
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.peers import Peers
 from hhsim.bench.trade_off import Run as MethodRun
-from hhsim.bench.trade_off import Way, draw_trade_off
+from hhsim.bench.trade_off import Way, draw_trade_off, frontier, mark_frontier
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import MethodScene, TickAnswer
 from hhsim.table.file import ALL
 
-
-class PushedEverywhere:
-    """Shows the user's own hand, and says that the palm is pushed."""
-
-    gives_forces = True
-
-    def __init__(self, scene: MethodScene) -> None:
-        pass
-
-    def begin(self, pose: HandConfiguration) -> None:
-        pass
-
-    def tick(self, haptic: HandConfiguration) -> TickAnswer:
-        return TickAnswer(haptic, np.zeros((5, 3, 3)), np.array([0.0, 0.0, 1.0]), native_ns=7)
+FAKE, GONE = "outside_methods:PushedEverywhere", "outside_methods:NotBuilt"
 
 
-class Absent(PushedEverywhere):
-    """An engine that is not installed."""
-
-    missing = "needs patience"
+BOTH = Peers.planned(methods=("coupled", "paper"))
 
 
-FAKE, GONE = f"{__name__}:PushedEverywhere", f"{__name__}:Absent"
-
-
-def made_up(method: str, time: float, error: float) -> MethodRun:
-    times = [np.full(5, time)]
-    return MethodRun("cube", "grasp", Way(SolverOptions(method=method)), {"mesh_error": error}, times, times)
+def made_up(
+    method: str, time: float, error: float, name: str = "cube", motion: str = "grasp", **figures: float
+) -> MethodRun:
+    times, figures = [np.full(4, time)] * 2, {"mesh_error": error, **figures}
+    return MethodRun(name, motion, Way(SolverOptions(method=method)), figures, times, times)
 
 
 def test_what_is_not_installed_is_left_out_with_a_line() -> None:
@@ -54,8 +37,8 @@ def test_what_is_not_installed_is_left_out_with_a_line() -> None:
     assert [(way.solver.method, way.solver.surface) for way in ways] == [
         ("coupled", "mesh"), ("coupled", "spheres"), (FAKE, "mesh"),
     ]  # fmt: skip
-    assert notes == [f"left out: {GONE} needs patience"]
-    with pytest.raises(InputError, match="needs patience"):
+    assert notes == [f"left out: {GONE} needs a library that is not built"]
+    with pytest.raises(InputError, match="needs a library that is not built"):
         list(run_cells(Peers.planned(methods=(GONE,))))
 
 
@@ -74,6 +57,7 @@ def test_a_hand_inside_is_told_by_how_much() -> None:
     assert [set(row) for row in rows] == [{column.name for column in suite.columns()}] * len(rows)
 
 
+@pytest.mark.soak
 def test_a_run_that_takes_long_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     suite = Peers.planned(objects=("cube",), motions=("touch",), methods=(FAKE,), repetitions=2, rate=50.0, hands=5)
     (twice,) = list(run_cells(suite))
@@ -105,7 +89,7 @@ def test_the_command_writes_table_and_picture(run: Run, tmp_path: Path) -> None:
     )  # fmt: skip
     assert answer.code == 0, answer.err
     document = json.loads(answer.out)
-    assert f"left out: {GONE} needs patience" in document["notes"]
+    assert f"left out: {GONE} needs a library that is not built" in document["notes"]
     table = json.loads((tmp_path / "peers.json").read_text())
     assert table["suite"] == "peers" and {row["method"] for row in table["rows"]} == {"coupled", FAKE}
     assert (tmp_path / "peers.png").stat().st_size > 10_000
@@ -121,3 +105,48 @@ def test_the_picture_has_each_method_on_its_surface_and_names_other_engines(monk
     assert [axes.get_title(loc="left") for axes in figures[0].axes] == ["cube: off the true mesh [mm]", ""]
     names = {text.get_text() for text in figures[0].legends[0].get_texts()}
     assert names == {"coupled", "spheres", "the mesh itself", "mujoco"}
+
+
+def test_rows_sum_up_by_worst_mean_and_count() -> None:
+    runs = [
+        made_up("coupled", 1e-5, 1e-4, motion="touch", force_hold_mean=2e-3, samples=3),
+        made_up("coupled", 3e-5, 3e-4, force_hold_mean=4e-3, samples=4),
+        made_up("coupled", 9e-3, 2e-4, "cup", force_hold_mean=np.nan, samples=5),
+    ]
+    rows = BOTH.rows(runs)
+    assert [(row["object"], row["motion"]) for row in rows[3:]] == [("cube", ALL), ("cup", ALL), (ALL, ALL)]
+    cube, cup, everything = rows[3:]
+    assert (cube["mesh_error"], cube["samples"], cube["contact_ticks"]) == (3e-4, 7, 8)
+    assert (cube["force_hold_mean"], cube["tick_cpu_p50"]) == pytest.approx((3e-3, 2e-5))
+    assert np.isnan(cup["force_hold_mean"]) and everything["force_hold_mean"] == pytest.approx(3e-3)
+
+
+def test_a_run_that_fails_wins_nothing_and_is_told() -> None:
+    failed = MethodRun("cube", "touch", Way(SolverOptions(method="paper")), failure="it broke")
+    rows = BOTH.rows([made_up("coupled", 1e-5, 1e-4, motion="touch"), failed])
+    assert [row["failed_runs"] for row in rows] == [0, 1, 0, 1, 0, 1]
+    assert np.isnan(rows[1]["tick_cpu_p50"]) and np.isnan(rows[1]["mesh_error"])
+    assert [row["frontier"] for row in rows] == [True, False] * 3
+    assert BOTH.notes([failed, failed])[-1:] == [
+        "2 of 2 runs could not be done; the first: paper, cube, touch: it broke"
+    ]
+
+
+def test_a_frontier_leaves_out_hair_breadths() -> None:
+    errors = ((1e-5, 2e-4), (3e-5, 5e-5), (2e-5, 1e-6), (4e-5, 9.9e-7))
+    group = [{"tick_cpu_p50": time, "error": error, "best": False} for time, error in errors]
+    mark_frontier(group, "best", "error")
+    assert [row["best"] for row in group] == [True, False, True, False]
+
+
+coordinate = st.one_of(st.integers(0, 5).map(float), st.floats(allow_nan=True, allow_infinity=True))
+
+
+@given(st.lists(st.tuples(coordinate, coordinate), max_size=30))
+def test_the_frontier_holds_exactly_what_no_other_point_beats(points: list[tuple[float, float]]) -> None:
+    found = frontier([x for x, _ in points], [y for _, y in points])
+    values = [points[i] for i in found]
+    assert values == sorted(values) and len(set(values)) == len(values)
+    whole = [p for p in points if not (np.isnan(p[0]) or np.isnan(p[1]))]
+    unbeaten = {(x, y) for x, y in whole if not any(a <= x and b <= y and (a < x or b < y) for a, b in whole)}
+    assert set(values) == unbeaten

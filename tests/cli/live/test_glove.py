@@ -1,16 +1,10 @@
 """`hhsim live glove` as its users meet it."""
 
 import contextlib
-import fcntl
 import json
-import os
-import pty
-import re
-import select
 import signal
 import subprocess
 import termios
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +12,7 @@ import pytest
 from conftest import Run
 from live_peers import PATIENCE, until
 from machine_share import Late, keeps_time
-from own_command import HHSIM
+from own_command import HHSIM, Terminal
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
@@ -33,36 +27,6 @@ from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
 
 pytestmark = pytest.mark.slow
-
-
-@keeps_time
-@pytest.mark.soak
-def test_a_session_of_a_simulated_glove_and_the_hand_in_a_file_is_one_document_and_one_file(
-    run: Run, tmp_path: Path
-) -> None:
-    (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
-    answer = run(
-        *("live", "glove", "cube", "--device", "sim", "--trajectory", "pinch", "--duration", "0.4", "--rate", "500"),
-        *("--record", "session.h5", "--no-realtime", "--json", "--hand-file", "me.toml", "--hand", "left"),
-    )
-    if answer.code and "no sign of life" in answer.err:
-        raise Late(answer.err)
-    assert answer.code == 0, answer.err
-    document = json.loads(answer.out)
-    assert (document["reason"], document["error"], document["session"]) == ("duration", None, "session.h5")
-    # A busy machine makes the last wait longer.
-    assert document["loop_ticks"] + document["missed"] >= 200
-    result = load_result(tmp_path / "session.h5")
-    # Samples that came after the last tick were not its any more.
-    looked_at = int(result["input_seq"][-1]) + 1
-    assert document["samples_used"] + document["samples_superseded"] == looked_at <= document["counters"]["samples"]
-    assert document["real_time"]["fifo"] == 0
-    assert document["pose"] == "replay of pinch"
-    assert result.complete
-    assert result.ticks == document["recorded_ticks"] > 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["me.toml", "session.h5"]
-    hand = stored_hand(result)
-    assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
 
 
 @keeps_time
@@ -97,7 +61,12 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
     for side, motion in (("right", "grasp"), ("left", "pinch")):
         hand, result = document["hands"][side], load_hand(tmp_path / "both.h5", side)
         assert (hand["reason"], hand["session"], hand["pose"]) == ("duration", "both.h5", f"replay of {motion}")
+        # A busy machine makes the last wait longer.
         assert hand["loop_ticks"] + hand["missed"] >= 200
+        # Samples that came after the last tick were not its any more.
+        looked_at = int(result["input_seq"][-1]) + 1
+        assert hand["samples_used"] + hand["samples_superseded"] == looked_at <= hand["counters"]["samples"]
+        assert hand["real_time"]["fifo"] == 0
         assert result.complete and result.ticks == hand["recorded_ticks"] > 0
         assert (result.scene["hand"]["side"], result.scene["trajectory"]) == (side, motion)
         assert broken_off(result) == "" and ended_before_its_time(result) == ""
@@ -150,47 +119,26 @@ def completed(path: Path) -> bool:
 
 @pytest.mark.soak
 def test_keys_move_the_palm_and_end_the_session(tmp_path: Path) -> None:
-    end, line = pty.openpty()
-    before = termios.tcgetattr(line)
     arguments = ["live", "glove", "cube", "--device", "sim", "--pose", "keyboard", "--rate", "250"]
-    arguments += ["--out", "session.h5"]
-    process = subprocess.Popen(
-        [*HHSIM, *arguments],
-        stdin=line,
-        stdout=line,
-        stderr=line,
-        cwd=tmp_path,
-        start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-    )
-    shown = ""
-
-    def until_shown(text: str) -> None:
-        nonlocal shown
-        limit = time.monotonic() + PATIENCE
-        while text not in shown:
-            assert time.monotonic() < limit, shown
-            if select.select([end], [], [], 0.1)[0]:
-                with contextlib.suppress(OSError):
-                    shown += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", os.read(end, 65_536).decode("utf-8", "replace"))
-
-    until_shown("ticks missed")
-    os.write(end, b"wwr")
-    hand, item = HandModel.default("right"), load_object("cube")
-    home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
-    x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
-    until_shown(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
-    os.write(end, b"q")
-    until_shown("runs it again")
-    assert process.wait(PATIENCE) == 0
-    assert termios.tcgetattr(line) == before
-    assert "force [N]" in shown
-    assert "a key" in shown
-    haptic = load_result(tmp_path / "session.h5")["haptic/position"]
+    (tmp_path / "me.toml").write_text("hand_length = 0.17\n[index]\nlength = [0.040, 0.024, 0.012]\n")
+    arguments += ["--out", "session.h5", "--hand-file", "me.toml", "--hand", "left"]
+    with contextlib.closing(Terminal(*HHSIM, *arguments, cwd=tmp_path)) as terminal:
+        terminal.until("ticks missed")
+        terminal.type(b"wwr")
+        hand, item = HandModel.from_toml(tmp_path / "me.toml", "left"), load_object("cube")
+        home, _ = palm_place(hand, cached_sphere_tree(item.mesh, TreeOptions(level=item.level)), 0.06)
+        x, y, z = 1e3 * (home + [0.0, 0.004, 0.002])
+        terminal.until(f"{x:.1f}, {y:.1f}, {z:.1f} mm")
+        terminal.type(b"q")
+        shown = terminal.until("runs it again")
+        assert terminal.process.wait(PATIENCE) == 0
+        assert termios.tcgetattr(terminal.line) == terminal.before
+    assert "force [N]" in shown and "a key" in shown
+    result = load_result(tmp_path / "session.h5")
+    hand, haptic = stored_hand(result), result["haptic/position"]
+    assert (hand.side, hand.hand_length, hand.length[1].tolist()) == ("left", 0.17, [0.040, 0.024, 0.012])
     np.testing.assert_allclose(haptic[0], home, atol=1e-12)
     np.testing.assert_allclose(haptic[-1], home + [0.0, 0.004, 0.002], atol=1e-12)
-    os.close(end)
-    os.close(line)
 
 
 def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,8 +1,6 @@
 """Key strokes from a terminal, which is as it was on every way out."""
 
 import os
-import pty
-import select
 import signal
 import subprocess
 import sys
@@ -11,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from live_peers import PATIENCE
+from own_command import Terminal
 
 PROGRAM = """
 import os, signal, sys, time
@@ -38,50 +37,13 @@ with stop_signals() as stop_signal, terminal_keys() as read:
 """
 
 
-class Terminal:
-    """A program whose terminal we hold the other end of."""
-
-    def __init__(self) -> None:
-        self.end, self.line = pty.openpty()
-        self.before = termios.tcgetattr(self.line)
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM],
-            stdin=self.line,
-            stdout=self.line,
-            stderr=self.line,
-            start_new_session=True,
-            preexec_fn=self._take,
-        )
-        self.shown = ""
-
-    def _take(self) -> None:
-        import fcntl
-
-        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-
-    def until(self, text: str) -> str:
-        while text not in self.shown:
-            assert select.select([self.end], [], [], PATIENCE)[0], f"no '{text}' in {self.shown!r}"
-            self.shown += os.read(self.end, 4096).decode()
-        return self.shown
-
-    def type(self, keys: bytes) -> None:
-        os.write(self.end, keys)
-
-
 @pytest.fixture
 def terminal() -> Iterator[Terminal]:
-    held = Terminal()
+    held = Terminal(sys.executable, "-c", PROGRAM)
     held.until("ready")
     assert termios.tcgetattr(held.line)[3] & (termios.ICANON | termios.ECHO) == 0
     yield held
-    held.process.kill()
-    held.process.wait()
-    for descriptor in (held.end, held.line):
-        try:
-            os.close(descriptor)
-        except OSError:
-            continue
+    held.close()
 
 
 WAYS_OUT: dict[str, tuple[Callable[[Terminal], None], int]] = {

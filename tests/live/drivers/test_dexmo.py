@@ -1,4 +1,4 @@
-"""The Dexmo driver: the bytes of its messages, and a server in another process that misbehaves when told to."""
+"""The Dexmo driver: the bytes of its messages, a server in another process that misbehaves, and its calibration."""
 
 import math
 import random
@@ -8,9 +8,10 @@ import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import product
+from itertools import chain, product, repeat
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import live_peers
 import numpy as np
@@ -19,7 +20,10 @@ from fake_gloves import FakeDexmo
 from live_peers import PATIENCE, until
 from numpy.typing import NDArray
 
+from hhsim.arrays import FloatArray
+from hhsim.errors import InputError
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand
+from hhsim.live.drivers.calibration import doubtful_channels, glove_calibration, hand_angles, in_counts
 from hhsim.live.drivers.dexmo import (
     CHANNELS,
     MOST_MALFORMED,
@@ -29,8 +33,9 @@ from hhsim.live.drivers.dexmo import (
     encode_impedance,
     framed,
 )
-from hhsim.live.gloves import configure, open_device
+from hhsim.live.gloves import DexmoOptions, configure, open_device
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
+from hhsim.recordings.dexmo_regression import CHANNELS as OURS
 from tools.dexmo_server import encode_frame, fake_channels
 
 RIGHT = 337785601
@@ -171,9 +176,7 @@ def test_commands_arrive_as_they_were_given(server: FakeDexmo) -> None:
 @pytest.mark.parametrize("counts", [False, True])
 def test_readings_and_set_points_go_by_the_calibration(tmp_path: Path, counts: bool) -> None:
     low, high = (700.0, 3100.0) if counts else (0.25, 0.75)
-    ours = tmp_path / "ours.toml"
-    names = [name.replace("pinky", "little") for name in CHANNELS]
-    ours.write_text("[channel]\n" + "\n".join(f"{name} = {{ open = {low}, closed = {high} }}" for name in names))
+    ours = written(tmp_path, np.full(11, low), np.full(11, high))
     with FakeDexmo(tmp_path / "log", "--seed", "4", *(["--counts"] if counts else [])) as server:
         reader = Reader(server, calibration=str(ours))
         assert reader.glove.info.unit == ("count" if counts else "")
@@ -355,35 +358,19 @@ def test_a_watchdog_beside_the_loop(server: FakeDexmo) -> None:
     heard(server, 3)
 
 
-class Chunks:
-    """A link that gives what it was given, and takes everything."""
-
-    name = "chunks"
-
-    def __init__(self, chunks: list[bytes]) -> None:
-        self.chunks = chunks
-        self.connection = 0
-
-    def receive(self) -> bytes | None:
-        return self.chunks.pop(0) if self.chunks else None
-
-    def send(self, data: bytes, *, urgent: bool = False) -> bool:
-        return True
-
-    def retire(self) -> None:
-        self.chunks.clear()
-
-    def send_within(self, data: bytes, timeout: float) -> bool:
-        self.connection += 1
-        return True
-
-
 def glove_on(*chunks: bytes) -> DexmoGlove:
-    """A glove that is open, on such a link."""
+    """A glove that is open, on a link that gives what it was given, and takes everything."""
     glove = DexmoGlove(configure("dexmo"))
     glove.describe()
     glove._device_id = RIGHT
-    glove._link = Chunks(list(chunks))  # type: ignore[assignment]
+    glove._link = link = Mock(connection=0)
+    link.receive.side_effect = chain(chunks, repeat(None))
+
+    def connect(*given: object) -> bool:
+        link.connection += 1
+        return True
+
+    link.send_within.side_effect = connect
     return glove
 
 
@@ -420,3 +407,53 @@ def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
             found["gone"] += 1
         found["malformed"] += glove.counters.malformed
     assert len(found) == 4 and min(found.values()) > 100, "all of it happens"
+
+
+LOW = np.linspace(600.0, 1600.0, 11)
+HIGH = LOW + np.where(np.isin(np.arange(11), BEND), 2200.0, 400.0)
+
+
+def load(path: Path | None) -> DexmoRegression:
+    return glove_calibration(DexmoOptions(calibration=str(path or "")), "right")
+
+
+def written(folder: Path, low: FloatArray, high: FloatArray) -> Path:
+    path = folder / "calibration.toml"
+    rows = [f"{name} = {{ open = {a}, closed = {b} }}" for name, a, b in zip(OURS, low, high)]
+    path.write_text("[channel]\n" + "\n".join(rows))
+    return path
+
+
+def test_the_channels_are_those_of_the_regression() -> None:
+    assert tuple(name.replace("pinky", "little") for name in CHANNELS) == OURS
+
+
+def test_channels_that_say_little_are_named_and_their_fingers_kept_free(tmp_path: Path) -> None:
+    ends = {"index_split": 37.0, "middle_split": -20.0, "ring_bend": 60.0, "little_bend": 4200.0}
+    high = HIGH.copy()
+    for name, span in ends.items():
+        high[OURS.index(name)] = LOW[OURS.index(name)] + span
+    doubtful, kept_free = doubtful_channels(load(written(tmp_path, LOW, high)))
+    assert doubtful == (
+        "index_split spans 37 counts of 4095: it says little",
+        "middle_split spans 20 counts of 4095: it says little",
+        "ring_bend spans 60 counts of 4095: it says little",
+        "counts beyond 0 to 4095: little_bend",
+    )
+    assert kept_free == (3,)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "other"), [(LOW, HIGH, 0.4), (np.full(11, 0.1), np.full(11, 0.9), 2000.0)], ids=["counts", "0 to 1"]
+)
+def test_our_file_is_for_what_its_ends_are_in(tmp_path: Path, low: FloatArray, high: FloatArray, other: float) -> None:
+    calibration = load(written(tmp_path, low, high))
+    found = hand_angles(calibration, high)
+    assert found is not None and np.allclose(found[0], DEFAULT.angles(np.ones(11))[0])
+    assert hand_angles(calibration, np.full(11, other)) is None and hand_angles(load(None), LOW) is None
+    assert in_counts(calibration) == (high is HIGH)
+
+
+def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file; expected a TOML calibration"):
+        load(tmp_path / "none.toml")

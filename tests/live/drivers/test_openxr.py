@@ -31,16 +31,6 @@ class Location(NamedTuple):
     radius: float
 
 
-def hand_datagram(joints: Sequence[Location], session: int, seq: int, t_ns: int) -> bytes:
-    """A packet of kind 5, put together field by field: by docs/live-protocols.md and OpenXR 1.1 alone."""
-    parts = [b"HHGL", bytes([1, 5]), (208).to_bytes(2, "little")]
-    parts += [session.to_bytes(4, "little"), seq.to_bytes(4, "little"), t_ns.to_bytes(8, "little")]
-    parts += [b"\xff\xff\xff\xff", b"\xff\xff\xff\xff"]
-    for joint in joints:
-        parts.append(struct.pack("<8f", *joint.orientation, *joint.position, joint.radius))
-    return b"".join(parts)
-
-
 def locations(sample: JointSample, k: int) -> list[Location]:
     """Row k of a motion as a runtime gives it; its orientations are arbitrary."""
     points = sample.named(OPENXR_JOINTS)[k]
@@ -52,9 +42,11 @@ class Headset(Bridge):
 
     seq = 0
 
-    def joints(self, joints: list[Location]) -> bytes:
+    def joints(self, joints: Sequence[Location]) -> bytes:
+        """A packet of kind 5, put together field by field: by docs/live-protocols.md and OpenXR 1.1 alone."""
+        header = b"HHGL" + struct.pack("<2BH2IQIi", 1, 5, 208, 5, self.seq, 1000 * self.seq, 2**32 - 1, -1)
         self.seq += 1
-        return hand_datagram(joints, 5, self.seq - 1, 1000 * (self.seq - 1))
+        return header + b"".join(struct.pack("<8f", *each.orientation, *each.position, each.radius) for each in joints)
 
     def send_joints(self, joints: list[Location]) -> None:
         self.send_bytes(self.joints(joints))

@@ -1,4 +1,4 @@
-"""A session with a free object: its ticks are a replay's, its world waits out a stall, and its file holds all of it."""
+"""A session with free objects: its ticks are a replay's, its world waits out a stall, and its file holds all of it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,31 +6,33 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
+from body_tables import body, body_file
 from live_scripted import CLOSING, FIST, FREE, Moment, ScriptedSession
 
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_START_INSIDE
-from hhsim.kernels.world.record import WorldRecord
+from hhsim.live.gloves import PoseConfig, configure
 from hhsim.live.session.loop import loop_options
-from hhsim.live.session.recorder import SessionRows
+from hhsim.live.session.recorder import SessionRows, SessionWriter
+from hhsim.live.session.setup import OutputLimits, make_live_scene
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import result_ticks
 from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
-from hhsim.scene.body import CLEARANCE
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.scene.body import CLEARANCE, Fixed
+from hhsim.scene.declared_bodies import load_object
+from hhsim.scene.scene import tree_maker
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import bodies_ticks
 from hhsim.verify.free_object_checks import free_claims
+from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
 
 MILLISECOND = 1_000_000
-TIMINGS = {"duration", "duration_total", "duration_cpu"}
 BALL = sphere(0.06, 1)
 BALL = replace(BALL, vertices=BALL.vertices + np.array([0.0, 0.05, -0.05]))
 """Before the fingers of a flat hand at the origin; a fist closes on it."""
@@ -50,16 +52,6 @@ class Session(ScriptedSession):
         self.run()
         self.object, _ = bodies_ticks(self.ticks)
 
-    def again(self) -> tuple[TickRecord, WorldRecord]:
-        """The same ticks in one block, as a replay runs them."""
-        setup = self.setup
-        options = loop_options(setup.options, setup.rate)
-        solver = HandSolver(
-            setup.worn[0].model, setup.seen.surface("mesh"), options, setup.seen.free, setup.seen.others
-        )
-        haptic = (self.ticks[f"haptic_{name}"] for name in ("position", "orientation", "flexion", "abduction"))
-        return solver.run(*haptic), solver.object_ticks
-
 
 @pytest.fixture(scope="module")
 def session() -> Session:
@@ -69,20 +61,6 @@ def session() -> Session:
 @pytest.fixture(scope="module")
 def result(session: Session, tmp_path_factory: pytest.TempPathFactory) -> Result:
     return session.recorded(tmp_path_factory.mktemp("session") / "session.h5")
-
-
-@pytest.mark.parametrize("inside", [False, True])
-def test_the_ticks_are_those_of_a_replay_bit_for_bit(session: Session, inside: bool) -> None:
-    session = Session(TOUCHING[40:]) if inside else session
-    assert bool(session.ticks["status"][0] & STATUS_START_INSIDE) == inside
-    hand, moved = session.again()
-    for name in set(TickRecord._fields) - TIMINGS:
-        np.testing.assert_array_equal(getattr(hand, name), session.ticks[name], err_msg=name)
-    bearing = session.object.contact[-1]
-    assert bearing == moved.contact[-1] > 0 and np.linalg.norm(session.object.velocity[-1]) > 0.001
-    for name, own in session.object._asdict().items():
-        theirs = getattr(moved, name)
-        np.testing.assert_array_equal(own, theirs[: len(own)], err_msg=name)
 
 
 def test_the_world_waits_out_a_stall_which_frees_the_fingers() -> None:
@@ -111,9 +89,16 @@ def test_the_file_holds_what_a_replays_does_and_runs_again(session: Session, res
     assert result["penetration_depth"].max() == 0.0
     again = run_again(result)
     assert again.identical and (again.ticks, again.notes) == (101, ())
+    assert session.object.contact[-1] > 0 and np.linalg.norm(session.object.velocity[-1]) > 0.01
     assert {f"{result.body.group}/tick/position", "contact/slip"} <= {array.name for array in again.arrays}
     figures = tick_figures(result_ticks(result))
     assert figures["cone_outside"] == figures["table_depth_max"] == 0.0 and figures["object_momentum"] < 1e-6
+
+
+def test_a_session_that_begins_inside_runs_again_bit_for_bit(tmp_path: Path) -> None:
+    session = Session(TOUCHING[40:])
+    assert session.ticks["status"][0] & STATUS_START_INSIDE
+    assert run_again(session.recorded(tmp_path / "inside.h5")).identical
 
 
 def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: Session) -> None:
@@ -125,28 +110,54 @@ def test_columns_are_the_same_bytes_however_many_ticks_come_at_a_time(session: S
             assert values.tobytes() == np.concatenate([block[of][name] for block in blocks]).tobytes(), name
 
 
-def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, tmp_path: Path) -> None:
-    result = session.recorded(tmp_path / "session.h5")
+def test_the_referee_judges_no_motion_across_lost_ticks(session: Session, result: Result, tmp_path: Path) -> None:
     assert not [claim for claim in free_claims(result) if claim.failed]
-    path = tmp_path / "lossy.h5"
-    path.write_bytes(result.path.read_bytes())
-    kept = np.delete(np.arange(101), slice(70, 75))
-    with h5py.File(path, "r+") as file:
-        tick = file["contact/tick"][()]
-        rows = np.isin(tick, kept)
-        renumbered = np.searchsorted(kept, tick[rows])
-        hand, body = "hands/right", next(iter(file["bodies"]))
-        ticks = ("tick", f"{hand}/tick", f"{hand}/live/tick", f"bodies/{body}/tick")
-        for group, chosen in (*((name, kept) for name in ticks), ("contact", rows)):
-            names: list[str] = []
-            file[group].visititems(
-                lambda name, item, names=names: names.append(name) if isinstance(item, h5py.Dataset) else None
-            )
-            for name in names:
-                values = file[group][name][()][chosen]
-                file[group][name].resize(len(values), axis=0)
-                file[group][name][()] = values
-        file["contact/tick"][()] = renumbered
+    path, setup, status = tmp_path / "lossy.h5", session.setup, session.memory.status
+    facts = session.both.driver.facts() | {"real_time": {}}
+    with SessionWriter(path, setup, loop_options(setup.options, setup.rate), facts) as writer:
+        for begin, end in ((0, 70), (75, 101)):
+            writer.write([{"ticks": (begin, session.ticks[begin:end])}], status["counters"])
+        writer.complete("duration", status["counters"], 0, {})
     lossy = load_result(path)
-    assert not [claim for claim in free_claims(lossy) if claim.failed]
+    assert lossy.ticks == 96 and not [claim for claim in free_claims(lossy) if claim.failed]
     assert tick_figures(result_ticks(lossy))["object_momentum"] < 1e-6
+
+
+BODIES = (
+    body("ball", [0.04, 0.04, 0.04], position=[0.0, 0.05, -0.05], mass=0.1),
+    body("post", [0.02, 0.02, 0.06], position=[0.1, 0.05, -0.05], fixed=True),
+)
+
+
+@pytest.fixture(scope="module")
+def beside_others(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    folder = tmp_path_factory.mktemp("bodies")
+    bodies = load_object(body_file(folder, *BODIES)).with_trees(tree_maker(2))
+    scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None, placed=True)
+    moments = [Moment(FREE + (FIST - FREE) * i / 40) for i in range(60)]
+    more = {"options": SolverOptions(surface="mesh"), "output": OutputLimits(ramp=0.02)}
+    return ScriptedSession(moments, scene=scene.scene, record=folder / "session.h5", **more).run().recorded()
+
+
+def test_all_bodies_are_in_the_file(beside_others: Result) -> None:
+    assert list(beside_others.bodies) == ["ball", "post"] and beside_others.complete and beside_others.ticks > 50
+    ball, post = beside_others.bodies.values()
+    # It falls, since nothing is under it, into the fist.
+    assert ball["velocity"][5, 2] < -0.05 and ball["hand_wrench"].any() and not np.ptp(post["position"], axis=0).any()
+    assert (ball.kind, post.kind) == ("free", "fixed") and "body_wrench" in post
+
+
+def test_it_runs_again_bit_for_bit_and_every_claim_holds(beside_others: Result) -> None:
+    again = run_again(beside_others)
+    assert again.identical and again.ticks == beside_others.ticks
+    assert "bodies/post/tick/position" in {array.name for array in again.arrays}
+    assert verify(beside_others).passed
+
+
+@pytest.mark.soak
+def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
+    bodies = load_object("laptop").with_trees(tree_maker(2))
+    scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)
+    (body,) = scene.scene.solids
+    assert isinstance(body.motion, Fixed) and body.name == "laptop"
+    assert len(body.mesh.faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())

@@ -1,14 +1,17 @@
 """Which reasons free the fingers, and what the log says of them."""
 
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hhsim.kernels.live import finger_command as bits
 from hhsim.kernels.live.finger_command import judge
+from hhsim.kernels.live.tick import usual_interval
 from hhsim.live.session.loop import interlock_record
 from hhsim.live.session.setup import SafetyLimits
-from hhsim.live.session.story import QUIET_NS, SafetyLog
+from hhsim.live.session.story import QUIET_NS, SafetyLog, interval_hint
 from hhsim.result.safety import Safety
 
 NOW = 10**12
@@ -55,13 +58,6 @@ def test_each_reason_has_its_bit(change: dict[str, Any], expected: int) -> None:
     assert judged(interlock_record(SafetyLimits()), NOW, **(GOOD | change)) == expected
 
 
-def test_a_streak_is_periods_missed_without_one_in_time() -> None:
-    gate = interlock_record(SafetyLimits(overruns=4))
-    found = [judged(gate, NOW, **(GOOD | {"missed": missed})) for missed in (1, 1, 1, 0, 1, 1, 1, 1, 0)]
-    assert found == [0, 0, 0, 0, 0, 0, 0, Safety.OVERRUN_STREAK, 0]
-    assert gate[0].streak == 0
-
-
 def test_a_flicker_is_told_once_a_second_with_its_reason() -> None:
     log = SafetyLog()
     log.detail[Safety.DEVICE_LOST] = "no answer"
@@ -97,3 +93,25 @@ def test_no_policy_holds_longer_than_the_watchdog_waits(after_stall: str, rate: 
 
 def test_the_bits_are_those_of_the_file() -> None:
     assert {why.name: getattr(bits, str(why.name)) for why in Safety} == {why.name: int(why) for why in Safety}
+
+
+def usual(times: list[int]) -> float:
+    found = 0.0
+    for before, after in pairwise(times):
+        found = float(usual_interval(found, after - before))
+    return found
+
+
+def glove(rate: float, *more: int) -> float:
+    """The usual interval of a glove that was seen for 10 s, and whose samples then came at `more` [ns]."""
+    jitter = np.random.default_rng(0).normal(0.0, 0.1 / rate, round(rate * 10.0))
+    return usual([*(round(1e9 * (i / rate + late)) for i, late in enumerate(jitter)), *more])
+
+
+def test_a_limit_that_one_lost_sample_exceeds_is_named_with_one_that_fits() -> None:
+    assert interval_hint(glove(90.0), 0.025) == interval_hint(glove(200.0), 0.025) == interval_hint(0.0, 0.025) == ""
+    slow = usual([i * 16_666_667 for i in range(5)])
+    assert interval_hint(slow, 0.025) == (
+        "; samples come 60 times a second, so that one that is lost frees the fingers: --stale 42 would let it pass"
+    )
+    assert interval_hint(slow, 0.042) == ""

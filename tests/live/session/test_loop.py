@@ -1,22 +1,22 @@
 """The loop with a scripted glove on a clock of its own: each fault frees the fingers in the tick it is seen in."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
-from live_scripted import CLOSING, FIST, FREE, QUICK, Moment, ScriptedSession
-from numpy.typing import NDArray
+from live_scripted import CLOSING, FIST, FREE, QUICK, FakeClock, Moment, ScriptedGlove, ScriptedSession
 
 from hhsim.arrays import FloatArray
-from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.live.deadlines import LARGEST_SHIFT
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
-from hhsim.live.device import FORCES, LIMITS, DeviceError
+from hhsim.live.device import DeviceError
 from hhsim.live.drivers.poses import NO_POSE, FixedPose, Pose, PoseSource
 from hhsim.live.gloves import PoseConfig
 from hhsim.live.processes import RingReader, Stage
+from hhsim.live.session.driver import GloveDriver
+from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import SafetyLimits
 from hhsim.live.session.story import BEGINS_INSIDE
 from hhsim.result.safety import Safety
@@ -42,6 +42,7 @@ def test_a_hand_that_holds_is_held_and_is_released_at_the_end(held: ScriptedSess
     assert ticks["command_stiffness"][100].max() == 0.3
     assert ticks["safety"].tolist() == [*[0] * 120, Safety.STOPPING]
     assert (sent[-1].stiffness == 0.0).all() and len(held.glove.released) == 1
+    assert not np.any([command.force for command in sent]), "it takes limits"
     assert ticks["tick"].tolist() == ticks["input_seq"].tolist() == list(range(121))
     assert np.abs(np.diff(ticks["time_ns"]) - PERIOD).max() <= LARGEST_SHIFT * PERIOD, "towards the samples"
     assert (ticks["latency_ns"] >= 0).all()
@@ -82,21 +83,6 @@ def test_ticks_begin_with_their_samples_and_one_that_is_late_delays_no_others() 
     assert early_ticks(4, 60)[58:67] == [0, 0, 0, 750_000, 0, 0, 0, 400_000, 0]
 
 
-@pytest.mark.parametrize("takes", [FORCES, LIMITS])
-def test_a_glove_that_takes_forces_is_told_those_of_the_tick(takes: tuple[str, ...]) -> None:
-    session = ScriptedSession(HOLDING, takes=takes).run()
-    told = [command.force for command in session.glove.commands]
-    if takes is LIMITS:
-        assert not np.any(told)
-        return
-    turn = rotation_matrix(session.ticks["orientation"])
-    share = session.ticks["command_stiffness"] / 0.3
-    expected = np.einsum("tfkj,tji->tfki", session.ticks["phalanx"], turn) * share[..., None, None]
-    assert np.abs(expected).max() > 0.1
-    np.testing.assert_allclose(told, expected, atol=1e-12)
-    assert not told[-1].any(), "the last tick frees the fingers"
-
-
 class PoseUntil(PoseSource):
     """A palm whose pose comes until a time."""
 
@@ -104,10 +90,6 @@ class PoseUntil(PoseSource):
 
     def read(self, now_ns: int) -> Pose:
         return min(now_ns, self.last), *NO_POSE[1:]
-
-
-def dawdles(session: ScriptedSession) -> None:
-    session.solving(lambda: session.clock.work(10 * PERIOD), 120)
 
 
 def comes_back_third(session: ScriptedSession) -> None:
@@ -139,7 +121,6 @@ class Fault:
     pose: PoseSource | None = None
     unsent: int = 0
     """Ticks whose command the glove never gets."""
-    more: dict[str, Any] = field(default_factory=dict)
 
 
 FAULTS = {
@@ -178,14 +159,20 @@ FAULTS = {
     "driver silent": Fault(
         held_on(60), Safety.DEVICE_LOST, range(119, 140), "its driver has given no sign of life", driver_rests
     ),
-    "long tick": Fault(held_on(40), Safety.OVERRUN_STREAK, (120, 131), "during a tick", dawdles),
+    "long tick": Fault(
+        held_on(40),
+        Safety.OVERRUN_STREAK,
+        (120, 131),
+        "during a tick",
+        lambda session: session.solving(lambda: session.clock.work(10 * PERIOD), 120),
+    ),
 }
 
 
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_frees_the_fingers_in_its_ticks_and_the_ramp_follows(name: str) -> None:
     fault = FAULTS[name]
-    session = ScriptedSession([*HOLDING, *fault.script], fault.pose, **fault.more)
+    session = ScriptedSession([*HOLDING, *fault.script], fault.pose)
     fault.plant(session)
     rows, first = session.run().ticks, fault.ticks[0]
     there, ticks = (rows["safety"] & fault.bit) != 0, rows["tick"]
@@ -356,18 +343,6 @@ def test_a_fault_of_the_loop_itself_releases_the_glove() -> None:
     assert (session.memory.status["command_stiffness"] == 0.0).all()
 
 
-def stalled(after_stall: str, missed: int) -> tuple[ScriptedSession, NDArray[Any]]:
-    """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
-    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
-    session = ScriptedSession([*HOLDING, *held_on(60)], safety=safety, output=replace(QUICK, ramp=0.05))
-    session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
-    session.run()
-    (at,) = np.flatnonzero(session.ticks["missed"])
-    assert session.ticks["missed"][at] == missed
-    assert session.ticks["command_stiffness"][at - 1].max() == 0.3
-    return session, session.ticks["command_stiffness"][at:-1].max(axis=1)
-
-
 TICKS = np.arange(1, 101)
 
 
@@ -384,7 +359,16 @@ TICKS = np.arange(1, 101)
 def test_what_becomes_of_the_stiffness_after_a_stall(
     after_stall: str, missed: int, overrun: int, expected: FloatArray
 ) -> None:
-    session, stiffness = stalled(after_stall, missed)
+    """A hand that is held, a stall in tick 90, and the stiffness of its stiffest finger from the tick after it on."""
+    safety = SafetyLimits(watchdog=False, after_stall=after_stall)
+    session = ScriptedSession([*HOLDING, *held_on(60)], safety=safety, output=replace(QUICK, ramp=0.05))
+    session.glove.at_tick[90] = lambda: session.clock.oversleep.append(missed * PERIOD)
+    session.run()
+    (at,) = np.flatnonzero(session.ticks["missed"])
+    assert session.ticks["missed"][at] == missed
+    stiffness = session.ticks["command_stiffness"].max(axis=1)
+    assert stiffness[at - 1] == 0.3
+    stiffness = stiffness[at:-1]
     np.testing.assert_allclose(stiffness, expected[: len(stiffness)], atol=1e-12)
     assert np.count_nonzero(session.ticks["safety"] & Safety.OVERRUN_STREAK) == overrun
 
@@ -398,3 +382,56 @@ def test_while_the_stiffness_is_eased_a_fault_frees_the_fingers_at_once() -> Non
     (bad,) = np.flatnonzero(session.ticks["safety"] & Safety.NOT_FINITE)
     assert stiffness[bad - 1] > 0.2 and stiffness[bad] == 0.0
     assert (stiffness[bad + 1 : bad + 5] < 0.3 * np.arange(1, 5) / 10 + 1e-9).all()
+
+
+OLDEST = 20_000_000
+
+
+def opened() -> tuple[GloveDriver, ScriptedGlove, FakeClock, Any]:
+    clock, memory = FakeClock(), SessionMemory.create()
+    glove = ScriptedGlove(clock, [Moment(FIST)])
+    driver = GloveDriver(memory, glove, FixedPose(PoseConfig()), oldest_ns=OLDEST, now=clock.now)
+    driver.open()
+    return driver, glove, clock, memory.status
+
+
+def command(status: Any, stiffness: float, now: int) -> None:
+    """As the loop hands one over, with forces ten times its stiffness."""
+    status["heartbeat_ns"] = now
+    status["command_stiffness"] = stiffness
+    status["command_force"] = 10.0 * stiffness
+    status["command_version"][0] += 2
+
+
+def test_the_newest_command_is_sent_once() -> None:
+    driver, glove, clock, status = opened()
+    driver.give()
+    assert glove.commands == [], "there is none yet"
+    command(status, 0.1, clock.now())
+    command(status, 0.2, clock.now())
+    driver.give()
+    driver.give()
+    assert [(sent.stiffness.max(), sent.force.min()) for sent in glove.commands] == [(0.2, 2.0)]
+
+
+def test_a_command_that_is_being_written_waits() -> None:
+    driver, glove, clock, status = opened()
+    command(status, 0.3, clock.now())
+    status["command_version"][0] += 1
+    driver.give()
+    assert glove.commands == []
+    status["command_version"][0] += 1
+    driver.give()
+    assert len(glove.commands) == 1
+
+
+def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:
+    driver, glove, clock, status = opened()
+    command(status, 0.3, clock.now())
+    clock.work(OLDEST)
+    driver.give()
+    command(status, 0.3, clock.now())
+    clock.work(OLDEST + 1)
+    driver.give()
+    assert [sent.stiffness.max() for sent in glove.commands] == [0.3, 0.0]
+    assert [sent.force.max() for sent in glove.commands] == [3.0, 0.0]

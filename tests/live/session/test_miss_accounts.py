@@ -1,11 +1,14 @@
-"""Every missed period of a loop has one of four names, by what was measured: each cause planted."""
+"""Deadlines: a tick a period, and every missed one has one of four names, by what was measured: each cause planted."""
 
 from typing import Any
 
 import pytest
-from live_scripted import FIST, FREE, Moment, ScriptedSession
+from hypothesis import example, given
+from hypothesis import strategies as st
+from live_scripted import FIST, FREE, Deadlines, FakeClock, Moment, ScriptedSession
 
 from hhsim.kernels.live import deadlines
+from hhsim.kernels.live.deadlines import EARLIEST, NOTHING
 from hhsim.result.miss_cause import CAUSES, MissCause, TimeTaken
 from hhsim.result.safety import Safety
 
@@ -109,3 +112,28 @@ def test_a_stall_that_frees_the_fingers_is_logged_with_its_cause() -> None:
     assert planted.only_miss()["safety"] & Safety.OVERRUN_STREAK
     (line,) = (line for line in planted.events if "too many late ticks in a row" in line)
     assert line.endswith(": 12 the last time, taken by the host")
+
+
+@given(st.lists(st.tuples(st.integers(0, 3 * MS), st.integers(0, 2 * MS), st.integers(0, 3 * MS)), max_size=60))
+@example([(MS + MS // 2, 0, 3 * MS), (0, 0, 3 * MS)])
+def test_however_things_come_there_is_one_tick_a_period(steps: list[tuple[int, int, int]]) -> None:
+    clock = FakeClock(0)
+    loop = Deadlines(MS, clock)
+    at, before, asked = loop.at, -1, 0
+    for work, oversleep, after in steps:
+        came, past = asked + after, asked - (before + 2) * MS
+        begins_at_once = not at.at_once and 0 <= 2 * past <= MS
+        clock.oversleep, clock.alarms = [oversleep], [(came, lambda: None)]
+        loop.wait(lambda came=came: came if clock.now() >= came else NOTHING)
+        assert (at.tick, at.at_once) == (before + 1 + at.missed, begins_at_once)
+        assert at.deadline_ns == (at.tick + 1) * MS
+        assert 0 <= at.early_ns <= EARLIEST * MS and 0 <= at.wakeup_ns < MS
+        assert clock.now() == at.woke_ns == at.deadline_ns - at.early_ns + at.wakeup_ns
+        if at.early_ns:
+            assert at.woke_ns < at.deadline_ns and at.missed == at.at_once == 0
+            assert asked <= at.deadline_ns - EARLIEST * MS
+            assert at.deadline_ns - at.early_ns in (came, (1.0 - EARLIEST) * MS + at.deadline_ns - MS)
+        before = at.tick
+        clock.work(work)
+        asked = clock.now()
+    assert at.missed_total == before + 1 - len(steps)

@@ -16,6 +16,7 @@ import h5py
 import numpy as np
 import pytest
 from described_datasets import bare_datasets
+from live_peers import until
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
 from numpy.typing import NDArray
 from sampled import sampled
@@ -213,25 +214,13 @@ def recorder_process(path: Path, memory: SessionMemory) -> Iterator[subprocess.P
         os.close(setup)
 
 
-def feed(memory: SessionMemory, ticks: Records, process: subprocess.Popen[str], until: int) -> None:
-    """Publish ticks until so many are written, or until the recorder has ended; never faster than it reads."""
-    for i in range(10**6):
-        if process.poll() is not None or memory.status["recorder_ticks"] >= until:
-            return
-        if memory.ticks.written - memory.status["recorder_ticks"] < TICK_CAPACITY // 2:
-            row = ticks[i % len(ticks)]
-            pour(memory.ticks, row[None])
-        else:
-            time.sleep(0.01)
-    raise AssertionError("the recorder writes nothing")
-
-
 def started(memory: SessionMemory) -> None:
     memory.facts.write(FACTS)
     memory.status["loop_pid"] = os.getpid()
     memory.status["stage"] = Stage.RUNNING
 
 
+@pytest.mark.soak
 def test_a_place_that_cannot_be_written_is_told_at_once(tmp_path: Path) -> None:
     memory = SessionMemory.create()
     with recorder_process(tmp_path / "no" / "session.h5", memory) as process:
@@ -246,7 +235,8 @@ def test_told_to_stop_it_writes_what_came(ticks: Records, tmp_path: Path) -> Non
     path, memory = tmp_path / "session.h5", SessionMemory.create()
     started(memory)
     with recorder_process(path, memory) as process:
-        feed(memory, ticks, process, 100)
+        pour(memory.ticks, ticks[:60])
+        until(lambda: memory.status["recorder_ticks"] >= 50)
         process.send_signal(signal.SIGINT)
         process.send_signal(signal.SIGTERM)
         assert process.wait() == 0
@@ -265,9 +255,7 @@ def test_a_loop_that_is_killed_ends_the_recording_in_order(ticks: Records, tmp_p
             memory.status["loop_pid"] = loop.pid
             recorder.start()
             pour(memory.ticks, ticks[:60])
-            while recorder.is_alive() and memory.status["recorder_ticks"] < 50:
-                time.sleep(0.01)
-            assert recorder.is_alive()
+            until(lambda: memory.status["recorder_ticks"] >= 50)
         finally:
             loop.kill()
         recorder.join()

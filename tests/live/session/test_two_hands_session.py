@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from live_scripted import FakeAccounts, FakeClock, InStep
 from numpy.typing import NDArray
 from sampled import sampled
 
+from hhsim.errors import InputError
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.live.device import DeviceError
 from hhsim.live.drivers.played import SimGlove
@@ -95,24 +97,24 @@ def record(
     return load_result(path), memory
 
 
-def assert_sound(result: Result) -> None:
-    """It runs again to the same bits, and what it says is so."""
-    assert result.complete and run_again(result).identical
-    assert result["between/graphic"].min() >= 0.0
-    for hand in result.hands.values():
-        assert verify(hand).passed
-
-
 @pytest.mark.parametrize("free", sampled([True, False], lambda number, _: number == 0))
 def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: bool
 ) -> None:
     result, memory = record(tmp_path / "gone.h5", monkeypatch, 0.6, free=free, gone=GONE)
-    assert_sound(result)
+    assert result.complete and run_again(result).identical and result["between/graphic"].min() >= 0.0
     right, left = (hand["live/tick/safety"] for hand in result.hands.values())
     lost = left & Safety.DEVICE_LOST > 0
     assert lost.sum() >= len(GONE) - 2 and not lost[: GONE[0] - 5].any() and not lost[GONE[-1] + 8 :].any()
     np.testing.assert_array_equal(right & Safety.OTHER_HAND > 0, lost | np.append(False, lost[:-1]))
     for hand in result.hands.values():
-        assert not hand["live/tick/command_stiffness"][lost].any()
+        assert verify(hand).passed and not hand["live/tick/command_stiffness"][lost].any()
     assert not memory.beside.status["device_lost"]
+
+
+def test_setups_that_do_not_go_together_are_refused() -> None:
+    right, left = (scene_of_hand(side, free=False) for side in SIDES)
+    (hand,) = left.scene.hands
+    moved = replace(hand, trajectory=replace(hand.trajectory, object_position=np.ones(3)))
+    with pytest.raises(InputError, match="not the same object"):
+        right.both(left._replace(scene=replace(left.scene, hands=(moved,))))

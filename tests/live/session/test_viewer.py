@@ -50,10 +50,6 @@ def shown(setup: LiveSetup, target: str) -> LiveSetup:
     return replace(setup, rerun=target)
 
 
-def later_than(memory: SessionMemory, time_ns: int) -> Callable[[], bool]:
-    return lambda: int(memory.status["viewer_ns"]) > time_ns
-
-
 @pytest.fixture
 def memory() -> Iterator[SessionMemory]:
     memory = SessionMemory.create()
@@ -76,7 +72,8 @@ def test_frames_are_the_newest_ticks_and_their_plots_the_worst_since(
     for part in parts[1:]:
         # Twice: the sign of life may be of a frame that looked into the ring before.
         for _ in range(2):
-            until(later_than(memory, int(memory.status["viewer_ns"])))
+            before = int(memory.status["viewer_ns"])
+            until(lambda before=before: int(memory.status["viewer_ns"]) > before)
         pour(memory.ticks, records[part])
     memory.status["stage"] = Stage.ENDED
     thread.join(PATIENCE)
