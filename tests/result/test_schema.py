@@ -12,7 +12,7 @@ import pytest
 from markdown_pages import Page
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.kernels.contact import detection
+from hhsim.kernels.contact import surface
 from hhsim.kernels.live.deadlines import cause_of
 from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
@@ -45,7 +45,7 @@ def test_the_solvers_record_is_that_of_the_table() -> None:
 
 @pytest.mark.parametrize(
     ("field", "places", "prefix"),
-    [("duration", step, "DURATION_"), ("work", state, "WORK_"), ("work", detection, "COUNT_")],
+    [("duration", step, "DURATION_"), ("work", state, "WORK_"), ("work", surface, "COUNT_")],
 )
 def test_parts_of_a_field_lie_where_the_kernels_put_them(field: str, places: object, prefix: str) -> None:
     parts = PARTS[field]
