@@ -23,6 +23,8 @@ CHUNK = 64
 """Ticks searched at once, to bound the memory."""
 FARTHEST = 1e9
 """Coordinate of a hand that is far from everything [m]."""
+LIES_IN = 1e-15
+"""Distance from a triangle up to which an axis lies in it [m]: rounding."""
 HALVINGS = 56
 """Bisection steps: as many as a double has digits."""
 TINY = 1e-30
@@ -313,7 +315,9 @@ def cones_near_triangles(
 
     def falls(share: FloatArray) -> BoolArray:
         away = away_from_triangles(ready, start + share * along)
-        return np.asarray((away * along).sum(axis=0) < drops * np.sqrt((away * away).sum(axis=0)))
+        length = np.sqrt((away * away).sum(axis=0))
+        # Of an axis that lies in a triangle the larger ball is deepest.
+        return np.where(length > LIES_IN, (away * along).sum(axis=0) < drops * length, drops > 0.0)
 
     # Of an axis without length the larger ball is nearest.
     share = np.where(drop > 0.0, 1.0, 0.0)

@@ -133,6 +133,7 @@ radii = st.floats(0.0, 0.012).map(lambda x: round(x, 4))
 
 @given(st.tuples(places, places, places), places, places, radii, radii)
 @example((np.zeros(3), np.ones(3), np.array([1.0, 0.0, 0.0])), *2 * [np.array([0.0, 0.0, 1.0])], 0.002, 0.008)
+@example((np.zeros(3), np.eye(3)[1], np.eye(3)[0]), np.zeros(3), np.array([0.03, 0.0, 0.0]), 0.0, 0.008)
 def test_a_round_cone_is_as_far_from_a_triangle_as_its_balls(
     corners: tuple[Points, Points, Points], a: Points, b: Points, radius_a: float, radius_b: float
 ) -> None:
