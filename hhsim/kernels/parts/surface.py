@@ -24,10 +24,7 @@ from hhsim.kernels.by_reference import by_reference, declare_row
 from hhsim.kernels.contact.detection import Reach, evaluate_pairs, evaluate_rigid
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
-    ContactPoints,
-    Walk,
     at_distance,
-    cone_contacts,
     cone_distance,
     pairs_within,
     record_pairs,
@@ -358,28 +355,6 @@ def _seen_cone(part: Record, cone: RoundCone) -> RoundCone:
     ux, uy, uz = turned_back(r, cone.ux, cone.uy, cone.uz)
     shape = cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
     return RoundCone(x, y, z, ux, uy, uz, *shape)
-
-
-@cone_contacts.of(JointedSurface)
-@jit_noinline
-def _cone_contacts(
-    surface: JointedSurface, cone: RoundCone, limit: float, walk: Walk, row: int, pairs_out: ContactPoints
-) -> tuple[int, float]:
-    clearance = np.inf
-    for p in range(surface.part.shape[0]):
-        part = surface.part[p]
-        pieces = _pieces_of(surface, p)
-        first = row
-        row, away = cone_contacts(pieces, _seen_cone(part, cone), limit, walk, row, pairs_out)
-        if row < 0:
-            return -1, 0.0
-        clearance = min(clearance, away)
-        for i in range(first, row):
-            _turn_column(part.rotation[:], pairs_out.point.T, i)
-            _turn_column(part.rotation[:], pairs_out.normal.T, i)
-            for j in range(3):
-                pairs_out.point[i, j] += part.position[j]
-    return row, clearance
 
 
 @cone_distance.of(JointedSurface)

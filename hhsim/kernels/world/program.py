@@ -342,7 +342,6 @@ def _solve_once(options: TickOptions, rows: Rows, guessed: int, world: Record, s
     status = solve(variables, rows, target, tolerance, relaxation, loaded.guess[:], guessed, qp)
     step.iterations += qp.counts[1]
     if status == OPTIMAL:
-        problem.solutions += 1
         read_step(world.bodies, problem, qp)
         _read(problem, world.friction, loaded, world.hand_pairs, qp)
     return status

@@ -132,7 +132,6 @@ def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
             ("whole", np.float64, (whole,)),  # the tick's step with the program's
             ("whole_abduction", np.float64, (fingers,)),
             ("scratch", np.float64, (6,)),
-            ("solutions", np.int64),  # of programs in this tick
             # the most by which Γ e_1 is off the slip of a contact that bears a force [m]
             ("gamma_error", np.float64),
         ],

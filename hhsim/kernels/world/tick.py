@@ -108,7 +108,6 @@ def _goes_alone(method: World) -> bool:
 def _begin_motion(method: World, state: Record) -> None:
     """Begin the tick of all pairs: bodies go on by themselves, and a hand alone as its last tick moved it."""
     problem = method.world[0].problem
-    problem.solutions = 0
     if method.bodies != 0:
         ask_bodies(method, BEGIN, 0.0)
         return
