@@ -260,7 +260,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Foreign files are read in this process: tests/system/test_child_reader.py shows what a child is for."""
+    """Foreign files are read in this process: tests/system/test_files.py shows what a child is for."""
 
     def call(work: Callable[[], None], *limits: float) -> int:
         work()

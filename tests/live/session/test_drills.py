@@ -278,7 +278,6 @@ def test_disk_full(drill: Drill) -> None:
     assert not result.complete and result.ticks > ENOUGH
 
 
-@pytest.mark.soak
 def test_a_process_is_killed_that_ends_the_session(tmp_path: Path) -> None:
     with Drill(tmp_path) as drill:
         drill.grasp()
