@@ -92,21 +92,6 @@ def test_what_comes_out_goes_in_again_unchanged(run: Run, damaged: Path, tmp_pat
 
 
 @pytest.mark.soak
-def test_a_left_hand_replays_as_one(run: Run, repository: Path, tmp_path: Path) -> None:
-    sample = repository / "trajectories" / "finger-tap.h5"
-    code, out, err = run("import", str(sample), "--other-hand", "--out", "left.h5")
-    assert (code, err) == (0, "") and "left hand" in out and "mirrored: x became -x" in out
-    # The shipped sphere, a metre away: the hand is what counts here.
-    motion = load_trajectory(tmp_path / "left.h5").placed([1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
-    save_trajectory(motion, tmp_path / "left.h5")
-    options = ("--level", "2", "--rate", "100", "--quiet", "--out", "r.h5")
-    for more, side in (((), "left"), (("--hand", "right"), "right")):
-        code, _, err = run("replay", "sphere", "left.h5", *options, *more)
-        assert code == 0, err
-        assert load_result(tmp_path / "r.h5").scene["hand"]["side"] == side
-
-
-@pytest.mark.soak
 def test_joint_centres_give_a_motion_the_error_of_the_fit_and_a_hand(run: Run, tmp_path: Path) -> None:
     sample = joint_sample(length=0.175)
     (tmp_path / "quest.csv").write_text(openxr_csv(sample))

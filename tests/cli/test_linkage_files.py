@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import Run
 from linkage_samples import BOX, joint, link, urdf
@@ -41,18 +40,6 @@ def test_a_file_of_one_link_is_replayed_as_its_mesh_and_free_with_its_mass(run: 
     )
     assert answer.code == 0, answer.err
     assert load_result(work / "free.h5").body.properties["mass"] == 0.3
-
-
-@pytest.mark.soak
-def test_a_joint_goes_as_the_motion_has_it(run: Run, work: Path) -> None:
-    answer = run("replay", "pot.urdf", "opens.toml", "--out", "moved.h5", "--level", "2")
-    assert answer.code == 0, answer.err
-    result = load_result(work / "moved.h5")
-    assert list(result.bodies) == ["block", "lid"]
-    place, turn = result.bodies["lid"].poses()
-    np.testing.assert_allclose(place[-1], place[0], atol=1e-12)
-    assert 2.0 * np.arccos(abs((turn[-1] * turn[0]).sum())) == pytest.approx(0.4, abs=1e-6)
-    assert run("replay", "moved.h5").code == 0
 
 
 def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:

@@ -53,15 +53,6 @@ def test_a_robot_is_built_written_drawn_and_judged(
     assert several.code == 2 and "expected the name of one (--link)" in several.err
 
 
-@pytest.mark.soak
-def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
-    answer = run("build-tree", "box.urdf", "--level", "1", "--json")
-    assert json.loads(answer.out)["leaves"] == 8
-    answer = run("build-tree", "box.urdf", "--leaves", "3", "--as", "json", "--json")
-    assert [each["spheres"] for each in json.loads(answer.out)["links"]] == [3, 3]
-
-
 FLAT, LINE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n"
 MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'
 

@@ -301,23 +301,6 @@ def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
 
 
-@pytest.mark.parametrize("name", SIMPLE + COMPLEX)
-def test_description_is_complete(name: str) -> None:
-    item, description = load_object(name), object_description(name)
-    assert description["name"] == item.name == item.mesh.name == name
-    assert item.paper_level == (3 if name in SIMPLE else 4)
-    assert item.level == (3 if name in ("sphere", "cylinder") else 4)
-    for text in (item.title, item.stresses, item.source, item.licence, description["frame"]):
-        assert len(text) > 10
-    assert description["unit"] == "m"
-    assert description["scale"] > 0.0
-    assert ("generator" in description) != ("package" in description)
-    # What hhsim did not make carries its terms beside it.
-    assert bool(item.notice) == ("package" in description)
-    if item.notice:
-        assert len((files("hhsim.objects") / item.notice).read_text(encoding="utf-8")) > 200
-
-
 def test_every_file_of_the_folder_belongs_to_an_object() -> None:
     wanted = {"__init__.py", "closures.json", "palm-tree.h5", "left-palm-tree.h5"}
     for name in object_names():

@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
-from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_distance
 from hhsim.render.before_after import FRAMES, JUST_INSIDE, SIDE, TITLE, deepest_frames, draw_before_after
@@ -37,7 +36,6 @@ from hhsim.render.triangle_soup import (
     hand_surface,
     joined,
     look_from,
-    mesh_surface,
     near_hands,
     piece_poses,
     piece_surfaces,
@@ -59,21 +57,6 @@ def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float])
     for away in (0.0, 0.001):
         distance = to_cone(surface.points + away * surface.normals, a, b, 0.01, tip)
         np.testing.assert_allclose(distance, away, rtol=0.0, atol=1e-15)
-
-
-@pytest.mark.soak
-def test_a_corner_is_smooth_over_the_faces_of_its_vertex_that_lie_flat_enough() -> None:
-    mesh = load_object("cup").mesh
-    a, b, c = mesh.triangles.transpose(1, 0, 2)
-    area = np.cross(b - a, c - a)
-    unit = area / np.linalg.norm(area, axis=1, keepdims=True)
-    surface = mesh_surface(mesh, SKIN, crease=40.0)
-    np.testing.assert_array_equal(surface.points.reshape(-1, 3, 3), mesh.triangles)
-    for corner in range(0, mesh.faces.size, 7):
-        around = np.flatnonzero((mesh.faces == mesh.faces.flat[corner]).any(axis=1))
-        flat = around[unit[around] @ unit[corner // 3] > np.cos(np.radians(40.0))]
-        expected = area[flat].sum(axis=0)
-        np.testing.assert_allclose(surface.normals[corner], expected / np.linalg.norm(expected), atol=1e-12)
 
 
 @pytest.mark.parametrize("length", [0.05, 0.004])

@@ -172,18 +172,6 @@ def test_a_hand_with_an_object_through_it_is_freed(name: str) -> None:
     judged(sample, mesh, found)
 
 
-@pytest.mark.soak
-@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(SHAPES)))
-@settings(max_examples=20)
-def test_any_place_is_freed(seed: int, name: str) -> None:
-    sample, random = skin_sample(), np.random.default_rng(seed)
-    mesh = mesh_of(SHAPES[name], sample.joints[int(random.integers(12)), int(random.integers(21))])
-    start = correction_to(sample, shaken(sample, seed, 1.0), ALL).posture
-    found = push_out(HandJudge(sample.hand, mesh), sample.skin, sample.joints, sample.fitted, start)
-    assert found.is_freed.all()
-    assert depth_in(mesh, moved(sample, found.posture, ALL)).max() <= 1e-12
-
-
 def test_an_object_that_leaves_no_room_is_marked() -> None:
     # A hand in the middle of a block of 2 m: no free place is near.
     sample = skin_sample()

@@ -174,16 +174,6 @@ def test_a_cluster_makes_the_same_files(tmp_path: Path) -> None:
         assert without_times(tmp_path / "here" / name) == without_times(tmp_path / "there" / name)
 
 
-@ignored
-@pytest.mark.soak
-def test_a_cluster_of_two_processes_is_started_here(tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    folder = SweepFolder(tmp_path / "out")
-    plan = load_plan(write_plan(tmp_path))
-    found = run_sweep(plan, folder, jobs=2, scheduler=engines.LOCAL)
-    assert (found.run, found.failed) == (2, {})
-
-
 def test_without_dask_one_line_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     plan = load_plan(write_plan(tmp_path))

@@ -103,19 +103,6 @@ def test_no_input_breaks_the_limits(limits: OutputLimits, steps: list[Input]) ->
         begun = begun or bool(np.isfinite(step.flexion) and abs(step.force) < 1e150)
 
 
-@pytest.mark.parametrize("bit", list(Safety))
-def test_every_safety_bit_frees_the_fingers_in_its_tick_and_the_ramp_follows(bit: Safety) -> None:
-    stage = FingerCommander(OutputLimits(ramp=0.1, stiffness_rise=1e6))
-    for _ in range(200):
-        update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
-    assert (stage.command.stiffness == 0.3).all()
-    assert update_command(stage.at, *fill(0.5, 1.0), LEVEL, int(bit), NOBODY) == bit
-    assert (stage.command.stiffness == 0.0).all()
-    for tick in range(1, 101):
-        update_command(stage.at, *fill(0.5, 1.0), LEVEL, 0, NOBODY)
-        np.testing.assert_allclose(stage.command.stiffness, 0.3 * tick / 100)
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("place", ["flexion", "force"])
 @pytest.mark.parametrize("finger", [0, 4])
