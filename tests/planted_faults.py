@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-from file_faults import Fault
-from sealed_change import changed
+from file_faults import Fault, changed
 from short_grasp import result_of, short_grasp, short_scene
 
 from hhsim.hand.model import Side

@@ -16,13 +16,13 @@ import pytest
 import trimesh
 from column_map_sample import GLOVE, TABLE
 from command_server import CommandServer, Served
+from conftest import sampled
 from gate_scene import SUITE
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document
 from pose_samples import lerobot_bytes
 from recording_damage import damaged_bytes
 from recording_samples import smooth_recording
-from sampled import sampled
 from short_grasp import short_grasp, short_grasp_text, short_result
 from sweep_plans import PLAN
 

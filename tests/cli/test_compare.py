@@ -10,8 +10,8 @@ import h5py
 import pytest
 from conftest import Run
 from drawings_alone import leave_report_undrawn
+from file_faults import changed
 from report_reader import read_page
-from sealed_change import changed
 from short_grasp import short_grasp_text, short_result
 
 from hhsim.report.sections import report_runs, result_tables

@@ -12,15 +12,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from conftest import Run, Terminal
+from conftest import Run, Terminal, sampled
 from drawings_alone import leave_report_undrawn
-from file_faults import forge_scene
+from file_faults import changed, forge_scene
 from joint_samples import joint_sample
 from own_command import HHSIM
 from pose_samples import umetrack_lines, umetrack_profile
 from recording_samples import write_descent
-from sampled import sampled
-from sealed_change import changed
 from short_grasp import short_grasp_text
 
 from hhsim.hand.model import SIDES

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from linkage_samples import joint, link, urdf, write_box
-from robot_arms import write_arm
+from linkage_samples import joint, link, urdf, write_arm, write_box
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
 

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
-from conftest import Run
+from conftest import Run, sampled
+from file_faults import changed
 from gate_scene import SUITE, write_suite
-from live_session import write_session
+from live_scripted import write_session
 from own_command import hhsim_command
-from sampled import sampled
-from sealed_change import changed
 from short_grasp import short_result
 
 from hhsim.errors import InputError

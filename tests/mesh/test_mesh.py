@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 
 from hhsim.errors import InputError, MeshError, UnknownNameError
 from hhsim.mesh import repair

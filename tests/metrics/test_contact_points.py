@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from file_faults import changed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_rings import make_setup, session_file, solved_ticks
-from sealed_change import changed
 from short_grasp import short_grasp, short_scene
 from sphere_scenes import bumpy_ball, palm_centers
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_scenes import carried, swing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
+from short_grasp import carried, swing
 
 from hhsim.arrays import FloatArray
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions

@@ -5,9 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
+from conftest import sampled
 from joint_samples import JointSample, Side, array_npy, arrays_npz, joint_sample, openxr_csv, words
 from recording_samples import read_as, smooth_recording
-from sampled import sampled
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample
 from recorded_files import CASES, COUNT, GOLDEN, Case, keypoints_csv, laid_out
+from recording_samples import a_correction
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from repair_scenes import HAND, Case, held, ring_case, scene_case, shape_case
-from sampled import sampled
 from sphere_scenes import random_hand
 
 from hhsim.arrays import BoolArray, FloatArray

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from joint_samples import joint_sample
 from pose_samples import mano_poses
-from sampled import sampled
 from skin_samples import FLESH, Y_FRAME, SkinSample, correction_to, shaken, skin_sample
 
 from hhsim.arrays import BoolArray, FloatArray

@@ -11,12 +11,11 @@ import h5py
 import numpy as np
 import pytest
 from body_tables import body, body_file, joint
-from cut_scene import cut
-from described_datasets import bare_datasets
+from file_faults import bare_datasets
+from file_faults import changed as opened
 from joint_samples import joint_sample
 from leap_document import document
-from sealed_change import changed as opened
-from short_grasp import result_of, shortened
+from short_grasp import cut, result_of, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result

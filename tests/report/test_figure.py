@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 
+import file_faults
 import matplotlib as mpl
 import numpy as np
 import pytest
-import sealed_change
+from conftest import sampled
 from drawings_alone import leave_charts_undrawn
 from live_rings import BEGAN, PERIOD, make_setup, session_file, solved_ticks
 from matplotlib.axes import Axes
@@ -18,7 +19,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 from report_reader import read_page
-from sampled import sampled
 from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError
@@ -77,7 +77,7 @@ def alone(result: Result) -> dict[Chart, ReportFigure]:
 def edited(result: Result, path: Path, edits: Mapping[str, Callable[[NDArray[np.generic]], object]]) -> Result:
     """A copy of a result in which some datasets of /tick are others."""
     shutil.copy(result.path, path)
-    with sealed_change.changed(path) as file:
+    with file_faults.changed(path) as file:
         for name, edit in edits.items():
             values = file["hands/right/tick"][name][...]
             edit(values)

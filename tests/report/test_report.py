@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import file_faults
 import h5py
 import numpy as np
 import pytest
-import sealed_change
 from file_faults import of_scene
 from report_reader import Page, read_page
 from short_grasp import short_grasp, short_scene
@@ -85,7 +85,7 @@ def changed(path: Path, folder: Path, change: Change, name: str = "") -> Path:
     """A copy of a result that was changed by hand."""
     copy = folder / (name or path.name)
     shutil.copy(path, copy)
-    with sealed_change.changed(copy) as file:
+    with file_faults.changed(copy) as file:
         change(file)
     return copy
 

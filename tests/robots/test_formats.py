@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from linkage_samples import joint, link, urdf
-from robot_arms import SHAPES, write_arm
+from linkage_samples import SHAPES, joint, link, urdf, write_arm
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import sampled
 from joint_samples import joint_sample, openxr_csv
 from msgspec import structs
 from recording_samples import smooth_recording
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, object_tree, record_clearance, row
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import sampled
 from file_faults import at
 from hypothesis import given
 from hypothesis import strategies as st
 from planted_faults import failing, planted
-from sampled import sampled
 from sphere_scenes import CURL, UNTIMED, bumpy_ball, engine_of, random_targets, record_clearance
 
 import hhsim.solver.workspace

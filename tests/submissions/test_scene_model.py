@@ -183,24 +183,12 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
     write_scene_folder(scene, tmp_path / "s")
     at, bodies = Model(tmp_path / "s"), {body.name: body for body in scene.solids}
     model, kind = at.model, at.mujoco.mjtJoint
-    # The hand's bodies are 16 and its joints 21; besides there is the world.
-    assert (model.nbody, model.njnt, model.nq) == (1 + 16 + 6, 21 + 4, 27 + 7 + 3)
     for name, own in bodies.items():
         body, free = model.body(name), own.solid
         assert body.mass[0] == free.mass
         np.testing.assert_allclose(at.data.body(name).xipos, free.center, atol=1e-12)
         np.testing.assert_allclose(at.inertia(name), free.inertia, rtol=1e-9, atol=1e-12 * np.max(free.inertia))
         same_points(at.vertices(name), own.placed_mesh.vertices)
-    parent = {name: model.body(model.body(name).parentid[0]).name for name in bodies}
-    assert parent == {
-        "link": "base",
-        "base": "world",
-        "tip": "link",
-        "wall": "world",
-        "flap": "world",
-        "stuck": "world",
-    }
-    assert [model.body(name).jntnum[0] for name in bodies] == [1, 1, 1, 0, 1, 0]
     found = {name: model.joint(name) for name in ("link", "base", "tip", "flap")}
     types = [joint.type[0] for joint in found.values()]
     assert types == [kind.mjJNT_HINGE, kind.mjJNT_FREE, kind.mjJNT_SLIDE, kind.mjJNT_SLIDE]
@@ -219,9 +207,6 @@ def test_masses_inertias_friction_and_joints_are_those_of_the_things(tmp_path: P
         if geom.contype[0]:
             assert geom.friction.tolist() == [own.friction, own.torsion, 0.0] and geom.priority[0] == 1
             assert geom.condim[0] == (4 if own.torsion else 3)
-    # A cup is not its hull: its spheres collide.
-    touching = {name: (model.geom_bodyid == model.body(name).id) & (model.geom_contype > 0) for name in bodies}
-    assert {name for name, own in touching.items() if own.sum() > 1} == {"wall"}
 
 
 @needs_mujoco

@@ -1,6 +1,5 @@
 """Tools that make what ships, and that judge it."""
 
-import json
 import re
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from hhsim.verify.claim import FAILS
 from tools import gallery
 from tools.build_bodies import MESHES, SIDES
 from tools.build_catalogue import ply_bytes
-from tools.honest_runs import KINDS, ROWS, Drawn, judged_run, main, margins
+from tools.honest_runs import KINDS, judged_run
 from tools.import_graph import REPOSITORY
 from tools.same_bits import digest
 from tools.tree_checks import Verdict, moved_at_random, referee
@@ -116,33 +115,6 @@ def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, run: int) -> N
     names = {claim["name"] for claim in row["claims"]}
     assert names >= {"kinematics", "complementarity", "mesh"}
     assert row["kind"] == "two-hands" or ("friction cones" in names) == (row["kind"] in FREE)
-
-
-def test_a_run_is_drawn_from_its_number_alone(tmp_path: Path) -> None:
-    lines = []
-    for folder in (tmp_path / "one", tmp_path / "two"):
-        folder.mkdir()
-        for number, kind in enumerate(KINDS):
-            line = " ".join(KINDS[kind](Drawn(folder, 3, number)))
-            lines.append(line.replace(str(folder), ""))
-    assert lines[: len(KINDS)] == lines[len(KINDS) :] and len(set(lines)) == len(KINDS)
-
-
-def test_the_worst_of_the_runs_is_kept_and_a_false_claim_ends_with_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def row(run: int, worst: float, verdict: str) -> dict[str, object]:
-        claim = {"name": "slip", "verdict": verdict, "worst": worst, "tolerance": 2.0, "unit": "m", "tick": run}
-        return {"run": run, "kind": "free", "ticks": 5, "claims": [claim]}
-
-    rows = [row(0, 1.0, "holds"), row(1, 0.5, "holds"), {"run": 2, "kind": "free", "claims": [], "error": "no place"}]
-    assert "| slip | 2 | 0 | 2 m | 1 | 0.5 | 0, 0 |" in margins(rows).markdown()
-    log = tmp_path / ROWS
-    log.write_text("".join(json.dumps(one) + "\n" for one in rows))
-    assert main([str(tmp_path), "--runs", "3"]) == 0
-    assert "2 runs, 10 ticks" in (printed := capsys.readouterr().out) and "run 2: no place" in printed
-    log.write_text(json.dumps(row(0, 3.0, FAILS)) + "\n")
-    assert main([str(tmp_path), "--runs", "1"]) == 1
 
 
 def table(*arguments: str) -> str:

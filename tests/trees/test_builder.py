@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray

@@ -11,10 +11,10 @@ from unittest.mock import patch
 import h5py
 import numpy as np
 import pytest
+from conftest import sampled
 from fault_table import AGAIN, FAULTS, LATE, PROGRAMS, WORDS
 from file_faults import Fault, at, attribute, with_name
 from planted_faults import failing, planted
-from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.result.reader import load_result

@@ -12,11 +12,10 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from driven_scenes import swung_result
+from file_faults import changed
 from PIL import Image
 from rerun_files import SETTINGS, Recording, listening
-from sealed_change import changed
-from short_grasp import short_grasp, short_result, short_scene
+from short_grasp import short_grasp, short_result, short_scene, swung_result
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES

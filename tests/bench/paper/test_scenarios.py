@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 
 from hhsim.bench.paper.run import Scenario, check_holds, paper_scenarios
 from hhsim.hand.configuration import HandConfiguration

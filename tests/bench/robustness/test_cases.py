@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import sampled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from referee_clearance import referee_clearance
-from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.figures import placed_of
@@ -187,7 +187,6 @@ def test_a_finger_is_in_a_ring_or_it_is_not() -> None:
 
 
 HAND = HandModel.default()
-JUMPS = StressOptions(hold=1, jumps=True)
 
 
 def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
@@ -203,20 +202,6 @@ def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, 
     pieces = [targets.take(size) for size in sizes]
     assert [piece.ticks for piece in pieces] == sizes
     assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_palm_goes_no_faster_than_it_may_and_straight_to_its_target(seed: int) -> None:
-    motion = RandomTargets(HAND, seed).take(1200)
-    steps = np.linalg.norm(np.diff(motion.position, axis=0), axis=1)
-    assert steps.max() <= 2e-3 * (1.0 + 1e-12)
-    target = RandomTargets(HAND, seed, JUMPS).take(21)
-    for hold in range(1, 20):
-        start, end = motion.position[60 * hold - 1], motion.position[60 * hold + 59]
-        way = target.position[hold] - start
-        share = min(1.0, 0.12 / float(np.linalg.norm(way)))
-        np.testing.assert_allclose(end, start + share * way, atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(motion.orientation, axis=1), 1.0, atol=1e-14)
 
 
 def test_the_wild_mode_does_what_broken_devices_do() -> None:

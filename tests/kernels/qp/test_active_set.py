@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 import qpsolvers
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.kernels.qp import active_set

@@ -15,13 +15,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from described_datasets import bare_datasets
+from conftest import sampled
+from file_faults import bare_datasets
 from hypothesis import given
 from hypothesis import strategies as st
 from live_peers import until
 from live_rings import BEGAN, CHANNELS, FACTS, ended, make_setup, numbered_samples, pour, solved_ticks
 from numpy.typing import NDArray
-from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
