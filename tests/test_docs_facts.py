@@ -1,7 +1,6 @@
 """What the documentation says is what the code does: names, defaults, figures that stand twice, answers of the FAQ."""
 
 import ast
-import contextlib
 import inspect
 import re
 import shutil
@@ -15,7 +14,6 @@ from markdown_pages import Page
 from short_grasp import short_scene
 
 from hhsim.bench.suites.hard import hard_cases
-from hhsim.errors import InputError
 from hhsim.gate.gate import load_baseline
 from hhsim.gate.metrics import OUTSIDE_DEFAULTS
 from hhsim.hand.model import HandModel
@@ -42,8 +40,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.script import parse_script
 from hhsim.solver.method import METHODS, USUAL
-from hhsim.solver.options import FREE, TOUCH, SolverOptions, Stiffness, require_options
-from hhsim.solver.scene_solver import keeps_hands_apart
+from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 README = Page.read(DOCS.parent / "README.md")
@@ -114,34 +111,6 @@ def test_the_first_result_of_the_readme_is_what_the_gate_holds_and_its_limits_th
 def test_counts_are_those_of_the_registries() -> None:
     assert f"In {len(hard_cases())} hard cases and" in README.text
     assert f"pass all {len(hard_cases())} cases" in Page.read(DOCS / "lab" / "measurements.md").text
-
-
-def test_what_is_said_not_to_be_there_is_refused_and_what_is_there_is_not_denied() -> None:
-    not_for = README.text.split("**Not for:**")[1].split("\n\n")[0].replace("\n> ", " ")
-    assert "a free object with another method than `coupled`" in not_for
-    for name in METHODS:
-        with contextlib.nullcontext() if name == "coupled" else pytest.raises(InputError, match="has no free objects"):
-            require_options(SolverOptions(method=name), FREE)
-    assert "Fingers keep out of each other with `--self-contact on`, with method `coupled`." in " ".join(
-        FAQ.text.split()
-    )
-    require_options(SolverOptions(self_contact=True), FREE)
-    through = [name for name in METHODS if not keeps_hands_apart(SolverOptions(method=name))]
-    names = " and ".join(f"`{name}`" for name in through)
-    assert (
-        f"Two hands still go through each other with {names}, with another QP solver" in METHODS_PAGE.text
-        and not keeps_hands_apart(SolverOptions(qp="clarabel"))
-    )
-    # Hands at a free object, and beside parts, are kept apart: tests/solver/test_hands_apart.py.
-    others = [README, FAQ, Page.read(DOCS / "recordings.md")]
-    denied = r"(hands|objects|fingers)[^.]* (do not keep out of|still go through|that touch) each other"
-    assert [found[0] for page in others for found in re.finditer(denied, page.text)] == []
-
-
-def test_no_duration_of_a_machine_nobody_knows_stands_beside_a_command() -> None:
-    for name in ("README.md", "Makefile", "CONTRIBUTING.md", "docs/gate.md"):
-        text = (DOCS.parent / name).read_text(encoding="utf-8")
-        assert not re.search(r"\b(an?|half an|one|two|five|ten|\d+) (minutes?|hours?)\b", text), name
 
 
 def test_every_measure_and_dataset_is_documented() -> None:
@@ -240,18 +209,6 @@ def test_each_method_has_its_section_and_its_row_in_both_tables() -> None:
     for name, row in short_table.items():
         assert row[2] == whole[name][2]
         assert row[3] == whole[name][4]
-
-
-NUMBER = r"(?<![\w.,])(\d+(?:,\d{3})*(?:\.\d+)?)(?![\w])"
-
-
-def test_figures_of_the_readme_stand_on_the_pages_behind_it() -> None:
-    # The README repeats what the pages say: one that is measured anew has to change in both.
-    behind = {n for path in DOCS.rglob("*.md") for n in re.findall(NUMBER, Page.read(path).text)}
-    prose = " ".join(README.prose.split("## The first result")[1].split())
-    measured = re.findall(rf"{NUMBER} (?:to [\d.]+ )?(?:mm|µm|µs|%|s|ticks|pairs|results)\b", prose)
-    assert measured
-    assert [number for number in measured if number not in behind] == []
 
 
 def test_the_page_of_verify_counts_the_planted_faults() -> None:

@@ -14,11 +14,9 @@ from linkage_samples import write_box
 from recording_samples import smooth_recording
 from short_grasp import short_grasp_text
 
-from hhsim.hand.model import HandModel
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.motion.trajectory import UNCHECKED
 from hhsim.recordings.cleaning import clean_recording
-from hhsim.recordings.joint_names import KEYPOINTS, OPENXR_JOINTS
 from hhsim.result.reader import load_result
 from hhsim.system.checksummed_file import SIZE
 from hhsim.trees.file import load_tree
@@ -89,24 +87,6 @@ def test_what_comes_out_goes_in_again_unchanged(run: Run, damaged: Path, tmp_pat
     assert run("import", str(damaged), "--out", "one.csv", "--quiet") == (0, "", "")
     assert run("import", "one.csv", "--out", "two.csv", "--quiet") == (0, "", "")
     assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "two.csv").read_bytes()
-
-
-@pytest.mark.soak
-def test_joint_centres_give_a_motion_the_error_of_the_fit_and_a_hand(run: Run, tmp_path: Path) -> None:
-    sample = joint_sample(length=0.175)
-    (tmp_path / "quest.csv").write_text(openxr_csv(sample))
-    code, out, err = run("import", "quest.csv", "--fit-hand", "me.toml", "--out", "quest.h5")
-    assert (code, err) == (0, "")
-    assert "a hand with the recorded bones" in out and "fit, rms [mm]" in out
-    assert "written to quest.h5, its hand to me.toml" in out
-    hand, motion = HandModel.from_toml(tmp_path / "me.toml"), load_trajectory(tmp_path / "quest.h5")
-    # The hand file has micrometres.
-    assert np.abs(hand.length - sample.hand.length).max() < 1e-6
-    assert np.abs(hand.radius - sample.hand.radius).max() < 1e-6
-    for k in (0, 20, 39):
-        posed = hand.joints(motion.position[k], motion.orientation[k], motion.flexion[k], motion.abduction[k])
-        recorded = sample.joints[k][[OPENXR_JOINTS.index(joint) for joint in KEYPOINTS[1:]]]
-        assert np.abs(posed.reshape(20, 3) - recorded).max() < 5e-6
 
 
 INPUTS = {

@@ -15,13 +15,10 @@ import pytest
 from conftest import Run, Terminal, sampled
 from drawings_alone import leave_report_undrawn
 from file_faults import changed, forge_scene
-from joint_samples import joint_sample
 from own_command import HHSIM
-from pose_samples import umetrack_lines, umetrack_profile
 from recording_samples import write_descent
 from short_grasp import short_grasp_text
 
-from hhsim.hand.model import SIDES
 from hhsim.result.reader import load_result
 from hhsim.result.schema import TICK_COLUMNS, hand_columns
 
@@ -194,47 +191,6 @@ def test_a_command_of_one_hand_says_how_to_name_it(run: Run, tmp_path: Path) -> 
     assert answer.code == 2 and "one.h5 has no left hand: it holds the right one" in answer.err
     one = run("gate", "both.h5", "--baseline", "one.h5", "--quiet")
     assert one.code == 2 and "not of as many hands" in one.err
-
-
-def hot3d_lines() -> str:
-    """Poses of both hands, a line each, the left one 0.3 m beside the right one."""
-    right, left = (map(json.loads, umetrack_lines(joint_sample(side)).splitlines()) for side in SIDES)
-    lines = []
-    for one, other in zip(right, left):
-        other["hand_poses"]["0"]["wrist_xform"]["t_xyz"][0] += 0.3
-        lines.append(json.dumps(one | {"hand_poses": one["hand_poses"] | other["hand_poses"]}))
-    return "\n".join(lines) + "\n"
-
-
-@pytest.mark.soak
-def test_both_hands_of_a_recording_and_its_object_are_replayed_by_one_command(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "umetrack_hand_user_profile.json").write_text(umetrack_profile())
-    (tmp_path / "poses.jsonl").write_text(hot3d_lines())
-    tips = joint_sample().named(("middle_tip",))[:, 0]
-    stamps = [json.loads(line)["timestamp_ns"] for line in hot3d_lines().splitlines()]
-    rows = [
-        f"{uid},{stamp},{tip[0] + away},{tip[1]},{tip[2]},1,0,0,0"
-        for stamp, tip in zip(stamps, tips)
-        for uid, away in ((17, 0.0), (23, 9.0))
-    ]
-    header = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z\n"
-    (tmp_path / "dynamic_objects.csv").write_text(header + "\n".join(rows) + "\n")
-    command = ("replay", "cube", "poses.jsonl", "--hands", "both", "--ticks", "60", "--out", "poses.h5")
-    answer = run(*command, "--object-track", "17", "--json")
-    summaries = list(json.loads(answer.out)["hands"].values())
-    assert [summary["input_depth_max"] > 5e-3 for summary in summaries] == [True, False]
-    assert [summary["penetration_max"] for summary in summaries] == [0.0, 0.0]
-    assert summaries[0]["correction_joint_mean"] > 1e-3
-    for side in SIDES:
-        result = load_result(tmp_path / "poses.h5").hands[side]
-        assert result.scene["reading"] == {"object_track": "17"} and result.frame
-    # The left hand's motion is made again as that of the left hand, about the same object.
-    found = {claim["name"]: claim for claim in run("verify", "poses.h5", "--json").document()["claims"]}
-    assert found["second run"]["verdict"] == "holds" and "poses.jsonl as it is now" in found["second run"]["note"]
-    wrong = run(*command, "--object-track", "18")
-    assert wrong.code == 2 and "--object-track 18: dynamic_objects.csv beside the recording holds 17" in wrong.err
-    script = run("replay", "cube", "grasp", "--object-track", "17")
-    assert script.code == 2 and "object_track: of a recording that is imported, and 'grasp' is not" in script.err
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import hashlib
 import tempfile
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -277,10 +276,6 @@ COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny", "handle-box"]
 GENUS = {"cup": 1, "teapot": 1, "handle-box": 2}
 
 
-def test_names_in_the_order_of_the_paper() -> None:
-    assert object_names() == SIMPLE + COMPLEX
-
-
 @pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup", "handle-box")))
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
@@ -299,19 +294,6 @@ def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     assert tested >= 500
     surface = closed_surface(mesh.vertices, mesh.faces, name)
     assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
-
-
-def test_every_file_of_the_folder_belongs_to_an_object() -> None:
-    wanted = {"__init__.py", "closures.json", "palm-tree.h5", "left-palm-tree.h5"}
-    for name in object_names():
-        description = object_description(name)
-        wanted |= {
-            f"{name}.toml",
-            f"{name}-tree.h5",
-            description["file"],
-            *([description["notice"]] if "notice" in description else []),
-        }
-    assert {entry.name for entry in files("hhsim.objects").iterdir() if entry.is_file()} == wanted
 
 
 @pytest.mark.parametrize("name", GENERATORS)

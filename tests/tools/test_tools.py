@@ -1,6 +1,5 @@
 """Tools that make what ships, and that judge it."""
 
-import re
 import subprocess
 import sys
 from importlib.resources import files
@@ -10,24 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from PIL import Image
-from short_grasp import short_result
 
-from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface, winding_faults
-from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.contact_surface import contact_surface, encloses
-from hhsim.trees.options import TreeOptions
 from hhsim.verify.claim import FAILS
-from tools import gallery
 from tools.build_bodies import MESHES, SIDES
 from tools.build_catalogue import ply_bytes
 from tools.honest_runs import KINDS, judged_run
 from tools.import_graph import REPOSITORY
 from tools.same_bits import digest
-from tools.tree_checks import Verdict, moved_at_random, referee
 
 FOLDER = files("hhsim.objects") / "bodies"
 GENUS = {"scissors-half": 1, "hole": 1}
@@ -146,50 +138,3 @@ def test_a_digest_tells_a_changed_bit_and_no_changed_time(tmp_path: Path) -> Non
             file["hands/right/tick/graphic/position"], file["hands/right/tick/duration/total"] = [pose], [time]
         digests.append(digest(path))
     assert digests[0] == digests[1] != digests[2]
-
-
-def test_the_page_is_that_of_its_tiles_and_every_film_moves_and_is_small() -> None:
-    page = gallery.PAGE.read_text(encoding="utf-8")
-    printed = gallery.tables(page)
-    assert list(printed) == [tile.title for tile in gallery.TILES] and len(printed) == 11
-    assert page == gallery.page_of(printed)
-    sizes = {path.name: path.stat().st_size for path in gallery.FILMS.iterdir()}
-    assert set(sizes) == {tile.file for tile in gallery.TILES} | {f"{name}.glb" for name in gallery.TURNED}
-    assert max(sizes.values()) <= gallery.MOST_BYTES and sum(sizes.values()) <= gallery.MOST_OF_ALL
-    for tile in gallery.TILES:
-        with Image.open(gallery.FILMS / tile.file) as film:
-            assert getattr(film, "n_frames", 1) > 50, tile.name
-            assert max(film.size) <= 2 * gallery.WIDTH
-
-
-def test_a_scene_to_turn_is_one_page_that_needs_no_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert {path.stem for path in gallery.FILMS.glob("*.glb")} == set(gallery.TURNED)
-    short_result(tmp_path / "short.h5")
-    (tmp_path / "grasp.glb").write_bytes(gallery.scene_to_turn(tmp_path / "short.h5", 150))
-    for folder in (gallery.FILMS, tmp_path):
-        monkeypatch.setattr(gallery, "FILMS", folder)
-        page = gallery.page_to_turn("grasp")
-        assert len(page) < 1_200_000 and "<title>Grasp" in page and "user-scalable" not in page and "$B64" not in page
-        assert not re.search(r"""(src|href)=["']?https?:""", page)
-
-
-def judged(mesh: Mesh) -> tuple[Verdict, float]:
-    """Verdict on a tree of 64 leaves, with fewer samples than usual, and its proved bound [m]."""
-    tree = build_sphere_tree(mesh, TreeOptions(level=2))
-    verdict = referee(mesh, tree, [2], mesh_points=20_000, sphere_points=40_000)[0]
-    return verdict, tree.errors[2].bound
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["bunny", "cube"])
-def test_a_motion_and_a_scale_change_the_errors_by_less_than_two_percent_and_hardly_the_bound(name: str) -> None:
-    mesh = load_object(name).mesh
-    mesh = mesh.scaled(0.1 / float(mesh.extent.max()))
-    plain, bound = judged(mesh)
-    there, scale = moved_at_random(mesh, 3)
-    assert scale != pytest.approx(1.0, rel=0.1)
-    found, bound_there = judged(there)
-    assert bound_there == pytest.approx(scale * bound, rel=1e-5)
-    assert found.protrusion == pytest.approx(scale * plain.protrusion, rel=0.02)
-    assert found.protrusion_mean == pytest.approx(scale * plain.protrusion_mean, rel=0.02)
-    assert found.gap <= 1e-9 * scale
