@@ -68,7 +68,7 @@ class MovingParts:
         """Return the surface of all parts, `spheres` or `mesh`, and what of them cannot be touched."""
         parts = self.surfaces(kind)
         notes = tuple(f"{name}: {note}" for name, part in zip(self.names, parts) for note in part.notes)
-        return ContactSurface(jointed_surface([part.arrays for part in parts], self.path), notes)
+        return ContactSurface(jointed_surface(parts, self.path), notes)
 
     def surfaces(self, kind: str) -> tuple[ContactSurface, ...]:
         """Return the surface of each part in its frame."""

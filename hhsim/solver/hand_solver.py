@@ -192,10 +192,11 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     before = compiled_kernels()
     mesh = Mesh(np.full((3, 3), 100.0) + 0.01 * np.eye(3), np.array([[0, 1, 2]]))
     ball = SphereTree(mesh.vertices[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-    surface: Any = contact_surface(options.surface, mesh, ball).arrays
-    one = surface
+    made = contact_surface(options.surface, mesh, ball)
+    one: Any = made.arrays
+    surface = one
     if jointed:
-        surface = jointed_surface([one], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
+        surface = jointed_surface([made], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(

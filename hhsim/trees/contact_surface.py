@@ -11,6 +11,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.surface import seen_as
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.parts.surface import JointedSurface, PartsMotion, part_dtype
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -21,6 +22,7 @@ from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.system.counted import counted
+from hhsim.trees.error import protrusion_bound
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -67,21 +69,34 @@ def features_of(mesh: Mesh, closed: bool) -> tuple[MeshFeatures, int]:
     return mesh_features(mesh.vertices, mesh.faces, closed=closed)
 
 
-def jointed_surface(parts: Sequence[Any], path: FloatArray) -> JointedSurface:
+def jointed_surface(parts: Sequence[ContactSurface], path: FloatArray) -> JointedSurface:
     """Put the surfaces of parts, each in its part's frame, together, with the parts where they are at the first tick.
 
     `path` has position [m] and orientation (w, x, y, z) of each part in the body's frame at each tick, (T, P, 7).
     Raises InputError for parts of different surfaces.
     """
-    kinds = {type(arrays) for arrays in parts}
+    arrays = [part.arrays for part in parts]
+    kinds = {type(each) for each in arrays}
     if kinds not in ({TreeArrays}, {MeshFeatures}):
         raise InputError(f"parts of {', '.join(sorted(kind.__name__ for kind in kinds))}; expected one kind of surface")
-    written = write_rows(parts)
+    solids = arrays if kinds == {MeshFeatures} else [contact_surface("mesh", part.mesh, None).arrays for part in parts]
+    rows = [write_rows(of) for of in (arrays, solids)]
     # The rows only say where the arrays of the parts are, which are kept as long as they.
-    finalize(written, tuple, parts)
+    for written, of in zip(rows, (arrays, solids)):
+        finalize(written, tuple, of)
+    sticks_out = np.array([_sticks_out(part) for part in parts])
     no_part = np.empty(0, part_dtype((SPHERES if kinds == {TreeArrays} else MESH).candidates))
     motion = PartsMotion(np.ascontiguousarray(path, np.float64), np.zeros(1, np.int64), no_part)
-    return begun(JointedSurface(parts[0], written, no_part, motion))
+    return begun(JointedSurface(arrays[0], rows[0], solids[0], rows[1], sticks_out, no_part, motion))
+
+
+def _sticks_out(part: ContactSurface) -> float:
+    """Return how far a part's spheres are outside its mesh at most [m]; 0 of the mesh itself."""
+    if not isinstance(part.arrays, TreeArrays) or part.mesh is None or part.tree is None:
+        return 0.0
+    leaves = part.tree.level == part.tree.level.max()
+    bvh = build_mesh_bvh(part.mesh.vertices, part.mesh.faces)
+    return max(0.0, protrusion_bound(bvh, part.tree.center[leaves], part.tree.radius[leaves]))
 
 
 def begun(surface: JointedSurface) -> JointedSurface:
@@ -90,6 +105,7 @@ def begun(surface: JointedSurface) -> JointedSurface:
     memory = np.empty(max(count, 2), surface.part.dtype)
     # Written, so that the system allocates the pages now and not in the ticks that are timed.
     memory.view(np.uint8)[:] = 0
+    memory["sticks_out"][:count] = surface.sticks_out
     motion = PartsMotion(path, np.zeros(1, np.int64), seen_as(memory, part_dtype()))
     surface = surface._replace(part=memory[:count].view(np.recarray), motion=motion)
     put_parts(surface, path[0])

@@ -15,7 +15,7 @@ from hhsim.scene.body import Free, Joint
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, solve
-from hhsim.trees.contact_surface import contact_surface, jointed_surface
+from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
 
 HAND = HandModel.default()
 MESH = box((0.05, 0.05, 0.05))
@@ -49,9 +49,9 @@ def crowd() -> None:
     solver.run(*still([0.0, 0.0, 0.4]).line(still([0.0, 0.0, 0.34]), 59))
 
 
-def jointed(second: Any, **given: Any) -> HandSolver:
+def jointed(second: ContactSurface, **given: Any) -> HandSolver:
     """A hand beside two parts, the first one a mesh."""
-    surface = jointed_surface((contact_surface("mesh", MESH, None).arrays, second), np.zeros((1, 2, 7)))
+    surface = jointed_surface((contact_surface("mesh", MESH, None), second), np.zeros((1, 2, 7)))
     return HandSolver(HAND, surface, SolverOptions(surface="mesh", **given))
 
 
@@ -99,10 +99,10 @@ FAULTS: dict[str, tuple[Callable[[], Any], str]] = {
     "slider's start": (slider(limits=(0.5, 1.0)), "start has the value 0, beyond the limits; expected 0.5 to 1 m"),
     "slider's friction": (slider(friction=-1.0), "slider_friction is -1 N"),
     "threads of parts": (
-        lambda: jointed(contact_surface("mesh", MESH, None).arrays, method="progressive", threads=2),
+        lambda: jointed(contact_surface("mesh", MESH, None), method="progressive", threads=2),
         "threads 2 has no bodies of several parts: expected 1",
     ),
-    "two kinds of parts": (lambda: jointed(AIR.arrays()), "expected one kind of surface"),
+    "two kinds of parts": (lambda: jointed(ContactSurface(AIR.arrays())), "expected one kind of surface"),
     "too many contacts": (crowd, r"margin.*coarser"),
     "columns": (problem(matrix=np.ones((2, 4))), r"matrix has shape \(2, 4\), expected \(2, 3\)"),
     "stiffness": (problem(stiffness=np.ones(4)), r"stiffness has shape \(4,\), expected \(3,\)"),

@@ -33,8 +33,10 @@ def test_a_short_scene_is_clean_and_its_hands_touch(kind: str) -> None:
     assert bool(found.equations) == (kind != "fixed")
 
 
-def test_two_hands_whose_programs_outspend_the_budget_go_on(tmp_path: Path) -> None:
-    """They met in tick 530, and stood there for ever: each tick ended before a step, and the next tried the same."""
-    case = draw("fixed", 4242, 37, 1200)
+# Hands that met in tick 530 stood there for ever: each tick ended before a step, and the next tried the same. Jaws that
+# squeezed a palm drove it into the fixed one, where it stayed when they opened; on spheres between those of one jaw.
+@pytest.mark.parametrize("scene", [("fixed", 4242, 37), ("joint-driven", 1201, 21), ("joint-driven", 1201, 58)])
+def test_a_scene_in_which_hands_once_stopped_for_ever_goes_on(scene: tuple[str, int, int], tmp_path: Path) -> None:
+    case = draw(*scene, 1200)
     found = judge(case.ticks_of(load_result(played(case, tmp_path))), 100)
     assert found.findings == []

@@ -2,7 +2,7 @@
 
 A surface is pieces, of one kind or several, with a tree of spheres over them (`tree_of`), and lists of those near each
 probe of a hand, see `kernels.contact.lists`. Ticks need `list_pieces`, `measure_pieces` and `record_pieces`,
-measurements `cone_contacts` and `cone_distance`, a solid also `holds` and `way_out`. Its candidates are a record of its
+measurements `cone_contacts` and `cone_distance`, a solid also `holds`. Its candidates are a record of its
 own type with the fields of `list_fields`; its arrays are a NamedTuple `by_reference`. A pair is a body and a piece.
 """
 
@@ -148,20 +148,6 @@ def cone_contacts(
 @generic
 def cone_distance(surface: Any, cone: RoundCone, limit: float, stack: Indices) -> float:
     """Compute the least signed distance [m] between a round cone and the surface; `limit` if none is below it."""
-
-
-@generic
-def way_out(surface: Any, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
-    """Compute a point's signed distance from a solid [m], negative inside, and the outward normal at the nearest point.
-
-    The distance is infinite if the surface has no inside.
-    """
-
-
-@way_out.of(object)
-@jit_inline
-def _no_way_out(surface: Any, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
-    return (np.inf, 0.0, 0.0, 0.0)
 
 
 @jit_inline

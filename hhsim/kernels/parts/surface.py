@@ -32,14 +32,15 @@ from hhsim.kernels.contact.surface import (
     pairs_within,
     record_pairs,
     shared_first,
-    way_out,
     write_contact,
 )
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
+from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.round_cone import RoundCone
+from hhsim.kernels.surfaces.mesh import way_out
 
 AXIS_POINTS = 9
 """Points of a phalanx's axis that are looked at, at most 6 mm apart."""
@@ -55,13 +56,6 @@ KEY = 1 << 40
 
 Plane = tuple[float, float, float, float]
 """Unit normal, outward, and n · x [m] of its points."""
-
-WAYS_OUT = [
-    ("hand", HAND_POSE),  # the hand in the part's frame; its axes of rotation are not written
-    ("is_over", np.int64, (BODY_COUNT,)),  # 1 if the part is over a point of the body's axis
-    ("plane", np.float64, (BODY_COUNT, 4)),  # way out of these, part's frame
-]
-"""Fields of a part's record."""
 
 
 @jit_inline
@@ -105,7 +99,7 @@ def _plane(part: Record, body: int) -> Plane:
 
 @jit_inline
 def _try_planes(
-    pieces: Any, hand: HandArrays, part: Record, body: int, shortest: float, opposite: float, least: float
+    solid: MeshFeatures, hand: HandArrays, part: Record, body: int, shortest: float, opposite: float, least: float
 ) -> float:
     """Write the plane of a point in the part that the body is least deep below, if less than before; return the depth.
 
@@ -115,7 +109,8 @@ def _try_planes(
     before = _plane(part, body)
     for i in range(_point_count(hand, body)):
         x, y, z, _ = _sphere(hand, part.hand, body, i)
-        height, nx, ny, nz = way_out(pieces, x, y, z, part.near.stack[:])
+        height, nx, ny, nz = way_out(solid, x, y, z, part.near.stack[:])
+        height -= part.sticks_out
         if height > 0.0 or nx * before[0] + ny * before[1] + nz * before[2] < opposite:
             continue
         plane = (nx, ny, nz, nx * x + ny * y + nz * z - height)
@@ -128,13 +123,13 @@ def _try_planes(
 
 
 @jit
-def _seek(pieces: Any, hand: HandArrays, part: Record, body: int) -> float:
+def _seek(solid: MeshFeatures, hand: HandArrays, part: Record, body: int) -> float:
     """Write the way out of a body that the part is over, and return its depth [m], infinite of any other body."""
     # No way out of a part is shorter than that of one of the body's spheres alone.
     shortest, least = 0.0, np.inf
     for i in range(_point_count(hand, body)):
         x, y, z, radius = _sphere(hand, part.hand, body, i)
-        height, _, _, _ = way_out(pieces, x, y, z, part.near.stack[:])
+        height = way_out(solid, x, y, z, part.near.stack[:])[0] - part.sticks_out
         if height <= 0.0:
             shortest = max(shortest, radius - height - ROUNDING)
     if shortest == 0.0:
@@ -142,15 +137,18 @@ def _seek(pieces: Any, hand: HandArrays, part: Record, body: int) -> float:
     if part.is_over[body] == 1:
         depth = _deepest(hand, part.hand, body, _plane(part, body))
         least = depth if depth >= shortest else np.inf
-        least = _try_planes(pieces, hand, part, body, shortest, OPPOSITE, least)
+        least = _try_planes(solid, hand, part, body, shortest, OPPOSITE, least)
     if least == np.inf:
-        least = _try_planes(pieces, hand, part, body, shortest, -np.inf, least)
+        least = _try_planes(solid, hand, part, body, shortest, -np.inf, least)
     return least
 
 
 @jit_noinline
-def find_ways_out(pieces: Any, hand: HandArrays, part: Record) -> None:
-    """Find the bodies that a part is over, and their ways out; their distance from it is the depth there, negative."""
+def find_ways_out(solid: MeshFeatures, hand: HandArrays, part: Record) -> None:
+    """Find the bodies that a part is over, and their ways out; their distance from it is the depth there, negative.
+
+    The way leads out of the part's mesh, and of what its surface sticks out of it: between spheres there may be none.
+    """
     near = part.near
     for body in range(BODY_COUNT):
         radius = np.inf
@@ -158,7 +156,7 @@ def find_ways_out(pieces: Any, hand: HandArrays, part: Record) -> None:
             radius = min(radius, _sphere(hand, part.hand, body, i)[3])
         if part.is_over[body] == 0 and near.nearest[body] >= -DEEP * radius:
             continue
-        depth = _seek(pieces, hand, part, body)
+        depth = _seek(solid, hand, part, body)
         part.is_over[body] = 1 if depth < np.inf else 0
         if depth < np.inf:
             near.nearest[body] = -depth
@@ -196,8 +194,11 @@ def part_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any]":
             ("position", np.float64, (3,)),  # origin of the part's frame [m], in the body's
             ("orientation", np.float64, (4,)),  # part to body, (w, x, y, z)
             ("rotation", np.float64, (3, 3)),  # the same as a matrix
+            ("sticks_out", np.float64),  # `JointedSurface.sticks_out`
             ("yields", np.int64),  # 1 if the part has moved since the hand last had a place
-            *WAYS_OUT,
+            ("hand", HAND_POSE),  # the hand in the part's frame; its axes of rotation are not written
+            ("is_over", np.int64, (BODY_COUNT,)),  # 1 if the part is over a point of the body's axis
+            ("plane", np.float64, (BODY_COUNT, 4)),  # way out of these, part's frame
             # Last: their size is the surface's own.
             ("near", shared_first(candidates)),
         ],
@@ -227,6 +228,9 @@ class JointedSurface(NamedTuple):
 
     pieces: Any  # `TreeArrays` or `MeshFeatures` of the first part
     written: Indices  # those of each part for kernels, see `by_reference.write_rows`, (P, ·)
+    solid: MeshFeatures  # mesh of the first part
+    solids: Indices  # those of each part, likewise
+    sticks_out: Array  # how far the surface of each part is outside its mesh at most [m], (P,)
     part: NDArray[np.void]  # records of `part_dtype`, (P,)
     motion: PartsMotion
 
@@ -282,7 +286,7 @@ def _evaluate(
         pieces = _pieces_of(surface, p)
         status |= evaluate_rigid(pieces, hand, part.hand, reach, near, work)
         if part.yields == 1:
-            find_ways_out(pieces, hand, part)
+            find_ways_out(_row(surface.solid, surface.solids, p), hand, part)
         for body in range(BODY_COUNT):
             candidates.nearest[body] = min(candidates.nearest[body], near.nearest[body])
             candidates.slack[body] = min(candidates.slack[body], near.slack[body])

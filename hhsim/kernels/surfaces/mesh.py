@@ -23,7 +23,6 @@ from hhsim.kernels.contact.surface import (
     list_pieces,
     measure_pieces,
     record_pieces,
-    way_out,
     write_contact,
 )
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
@@ -533,9 +532,12 @@ def _cone_distance(mesh: MeshFeatures, cone: RoundCone, limit: float, stack: Ind
     return min(best, limit)
 
 
-@way_out.of(MeshFeatures)
 @jit
-def _way_out(mesh: MeshFeatures, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
+def way_out(mesh: MeshFeatures, x: float, y: float, z: float, stack: Indices) -> tuple[float, float, float, float]:
+    """Compute a point's signed distance from a solid [m], negative inside, and the outward normal at the nearest point.
+
+    The distance is infinite if the surface has no inside.
+    """
     _, found, _ = nearest_piece(mesh, sphere_cone(x, y, z, 0.0), np.inf, stack)
     if found < 0 or mesh.multiplicity.shape[0] == 0:
         return (np.inf, 0.0, 0.0, 0.0)

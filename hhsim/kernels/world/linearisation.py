@@ -88,7 +88,8 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
         if problem.other[p] >= 0:
             ask_bodies(method, CONTACTS, float(p))
         world.found[p] = contacts.start[FINGER_COUNT + 1]
-        if near == 0.0:
+        # A row that may give in to a depth implies no other one.
+        if near == 0.0 and not (world.stays and problem.slacks > 0):
             reach = min(each.trust.reach, each.trust.radius)
             drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:

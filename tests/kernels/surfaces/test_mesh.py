@@ -17,11 +17,12 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate
-from hhsim.kernels.contact.surface import cone_distance, way_out
+from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.sphere_tree import STACK_SIZE
+from hhsim.kernels.surfaces.mesh import way_out
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
