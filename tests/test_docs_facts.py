@@ -1,9 +1,7 @@
 """What the documentation says is what the code does: names, defaults, figures that stand twice, answers of the FAQ."""
 
-import ast
 import inspect
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -214,26 +212,6 @@ def test_each_method_has_its_section_and_its_row_in_both_tables() -> None:
 def test_the_page_of_verify_counts_the_planted_faults() -> None:
     planted = sum(map(len, FAULTS.values()))
     assert f"{planted} faults planted in results of {len(FAULTS)} kinds" in Page.read(DOCS / "verify.md").text
-
-
-@pytest.mark.parametrize("page", ["faq.md", "files.md"])
-def test_python_blocks_do_what_they_show(
-    page: str, short: tuple[ReplaySummary, Result], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "results").mkdir()
-    names: dict[str, Any] = {}
-    for block in Page.read(DOCS / page).blocks("python"):
-        if "session" in block:
-            continue
-        for name in re.findall(r'"(results/[^"]+)"', block):
-            shutil.copyfile(short[1].path, tmp_path / name)
-        exec(compile(ast.parse(block), page, "exec"), names)
-    if page == "faq.md":
-        table = np.genfromtxt(tmp_path / "grasp.csv", delimiter=",", skip_header=1)
-        assert table.shape == (short[1].ticks, 3)
-        # The user's own hand goes in as deep as it is told to, up to how far the finger gets.
-        assert 5e-3 < names["found"].depth.max() < 20e-3
 
 
 def test_a_script_of_the_faq_is_a_script_and_its_hand_a_hand(tmp_path: Path) -> None:

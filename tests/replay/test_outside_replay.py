@@ -10,7 +10,7 @@ from short_grasp import short_grasp, short_result, short_scene
 
 from hhsim.errors import InputError
 from hhsim.metrics.run.registry import known_figures, run_metrics
-from hhsim.replay.conformance import NOTE, WRONG, check_method
+from hhsim.replay.conformance import NOTE, OK, WRONG, check_method
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import replay_scene
 from hhsim.solver.method import EVERYTHING, outside_class
@@ -128,3 +128,12 @@ def test_our_own_method_from_outside_passes(run: Run) -> None:
     assert "a tick in contact takes" in answer.out
     assert answer.out.startswith("import ") and "──" not in answer.out, "three columns without headings have no rule"
     assert run("methods", "check", "outside_methods:NoTick").code == 1
+
+
+@pytest.mark.soak
+def test_the_example_is_sixty_lines_at_most_and_passes(repository: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    example = repository / "examples" / "project_out.py"
+    assert len(example.read_text(encoding="utf-8").splitlines()) <= 60
+    monkeypatch.syspath_prepend(str(example.parent))
+    found = {finding.name: finding.verdict for finding in check_method("project_out:ProjectOut")}
+    assert found == {**dict.fromkeys(found, OK), "depth": NOTE}, "phalanges between its balls are not looked at"
