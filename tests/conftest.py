@@ -11,13 +11,13 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
+from file_faults import know_as_sound
 from hypothesis import HealthCheck, is_hypothesis_test, settings
-from sealed_change import know_as_sound
 
 from hhsim.registry import declared
 from hhsim.trees import cache as shipped
@@ -260,7 +260,7 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Foreign files are read in this process: tests/system/test_child_reader.py shows what a child is for."""
+    """Foreign files are read in this process: tests/system/test_files.py shows what a child is for."""
 
     def call(work: Callable[[], None], *limits: float) -> int:
         work()
@@ -277,3 +277,13 @@ def ended() -> Iterator[None]:
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
+
+
+def sampled(cases: Iterable[Any], keep: Callable[[int, Any], bool]) -> list[Any]:
+    """The cases for `pytest.mark.parametrize`; those that `keep(place, case)` does not name are marked soak."""
+    return [
+        case
+        if keep(place, case)
+        else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.soak)
+        for place, case in enumerate(cases)
+    ]

@@ -1,10 +1,16 @@
-"""Faults of a result file as lines of a table: functions that change one place of an open file, with a name."""
+"""Result files: faults as lines of a table, changes that are sealed anew, and whether each dataset is described."""
 
 import json
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import h5py
+
+from hhsim.system import hdf5_input
+from hhsim.system.checksummed_file import seal_file
 
 Fault = Callable[[h5py.File], None]
 
@@ -57,3 +63,33 @@ def forge_scene(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> 
     change(scene)
     hand.attrs["scene"] = json.dumps({key: scene[key] for key in own if key in scene})
     file.attrs["scene"] = json.dumps({key: value for key, value in scene.items() if key not in own})
+
+
+@contextmanager
+def changed(path: Path) -> Iterator[h5py.File]:
+    """The file, open to be changed; it is sealed when the block ends."""
+    with h5py.File(path, "r+") as file:
+        yield file
+    seal_file(path, path.stat().st_size)
+    know_as_sound(path)
+
+
+def know_as_sound(path: Path) -> None:
+    """Have this process take a file as read by a child: to fork a process that holds all tests takes long."""
+    # A file that was changed a moment ago is hashed again for each column that is read of it.
+    os.utime(path, (0.0, 0.0))
+    hdf5_input._KNOWN[hdf5_input.file_state(path)] = ""
+
+
+def bare_datasets(path: Path) -> list[str]:
+    """Names of the datasets of a file that lack `units` or `long_name`; fails where it has hardly any."""
+    found: dict[str, bool] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = bool(item.attrs.get("units") and item.attrs.get("long_name"))
+
+    with h5py.File(path, "r") as file:
+        file.visititems(visit)
+    assert len(found) > 40
+    return [name for name, told in found.items() if not told]

@@ -138,14 +138,14 @@ def squeeze_of(solver: HandSolver) -> float:
     return float(held.normal_force[held.contact[-2] : held.contact[-1]].sum())
 
 
-def free_scene(mass: float = 50.0, friction: float = 2.0) -> Scene:
-    """A cylinder that is too heavy and too rough to go far, on a table, grasped."""
-    scene = short_scene(short_grasp(hold=0.09))
+def free_scene(mass: float = 50.0, friction: float = 2.0, object_name: str = "cylinder") -> Scene:
+    """An object that is too heavy and too rough to go far, on a table, grasped."""
+    scene = short_scene(short_grasp(hold=0.09), object_name)
     table = float(scene.solids[0].placed_mesh.bounds[0, 2])
     free = {"mass": mass, "friction": friction, "torsion": 0.01, "table": table}
     return scene.freed(**free)
 
 
-def free_result(path: Path) -> Result:
+def free_result(path: Path, object_name: str = "cylinder") -> Result:
     """That replayed into a file, on the triangles themselves."""
-    return result_of(free_scene(), path, {"hand_file": None}, surface="mesh")
+    return result_of(free_scene(object_name=object_name), path, {"hand_file": None}, surface="mesh")

@@ -95,19 +95,29 @@ class Fault:
         return self._allowed
 
 
-class Watched:
-    """A session that is looked after, `carriers` by whose processes gloves hear of it, and what its supervisor said."""
+class Drill:
+    """A session of a glove for each of `sides`, at a server of its own, and what they saw; `glove` is the first one."""
 
-    session: Supervisor
-
-    def __init__(self) -> None:
+    def __init__(self, folder: Path, sides: Sequence[Hand] = ("right",), *, recorded: bool = True) -> None:
         self.log: list[str] = []
-        self.carriers: list[int] = []
+        self._stack, self._sides = ExitStack(), sides
+        self._record = folder / "session.h5" if recorded else None
+        self.gloves = [FakeDexmo(folder / f"{side}.log", "--gloves", f"7:{side}") for side in sides]
+        self.glove = self.gloves[0]
+        self._ticks: list[NDArray[Any]] = []
 
-    def begun(self, setup: LiveSetup) -> Supervisor:
-        """Make the session, which logs."""
-        self.session = Supervisor(setup, lambda text, level: self.log.append(text))
-        return self.session
+    def __enter__(self) -> Self:
+        for glove in self.gloves:
+            glove.port = free_ports(socket.SOCK_STREAM)
+            self._stack.enter_context(glove)
+        setup = grasping_setup([glove.port for glove in self.gloves], self._record, self._sides)
+        self.session = self._stack.enter_context(Supervisor(setup, lambda text, level: self.log.append(text)))
+        self.hands = self.session.memory.hands
+        self._ring = RingReader(self.session.memory.ticks)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.close()
 
     def until(self, reached: Callable[[], bool], what: str) -> None:
         """Look after the session until something is so."""
@@ -120,7 +130,7 @@ class Watched:
     def fault(self, breaks: Callable[[], object]) -> Fault:
         """Break something, while a finger is held."""
         running = (self.session.pid(name) for name in (LOOP, WATCHDOG))
-        return Fault(breaks, *self.carriers, *(pid for pid in running if pid is not None))
+        return Fault(breaks, *(glove.pid for glove in self.gloves), *(pid for pid in running if pid is not None))
 
     def kill_pid(self, pid: int, number: int = signal.SIGKILL) -> Fault:
         """Kill a process as a crash would, or send it another signal."""
@@ -143,32 +153,6 @@ class Watched:
     def sound(self) -> bool:
         """Return True if another drill can be held with it."""
         return self.session.pid(LOOP) is not None and self.session.stage == Stage.RUNNING
-
-
-class Drill(Watched):
-    """A session of a glove for each of `sides`, at a server of its own, and what they saw; `glove` is the first one."""
-
-    def __init__(self, folder: Path, sides: Sequence[Hand] = ("right",), *, recorded: bool = True) -> None:
-        super().__init__()
-        self._stack, self._sides = ExitStack(), sides
-        self._record = folder / "session.h5" if recorded else None
-        self.gloves = [FakeDexmo(folder / f"{side}.log", "--gloves", f"7:{side}") for side in sides]
-        self.glove = self.gloves[0]
-        self._ticks: list[NDArray[Any]] = []
-
-    def __enter__(self) -> Self:
-        for glove in self.gloves:
-            glove.port = free_ports(socket.SOCK_STREAM)
-            self._stack.enter_context(glove)
-        setup = grasping_setup([glove.port for glove in self.gloves], self._record, self._sides)
-        self._stack.enter_context(self.begun(setup))
-        self.carriers = [glove.pid for glove in self.gloves]
-        self.hands = self.session.memory.hands
-        self._ring = RingReader(self.session.memory.ticks)
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._stack.close()
 
     @property
     def ticks(self) -> NDArray[Any]:

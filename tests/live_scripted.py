@@ -367,3 +367,9 @@ class ScriptedSession:
         self.memory.status["stage"] = Stage.ENDED
         Recorder(setup, self.memory).run()
         return load_result(setup.record)
+
+
+def write_session(path: Path) -> None:
+    """A glove that closes on a ball and holds it; nothing goes wrong."""
+    script = [*(Moment(FREE + (FIST - FREE) * i / 80) for i in range(80)), *[Moment(FIST)] * 120]
+    ScriptedSession(script, record=path, output=OutputLimits(ramp=0.02)).run().recorded()

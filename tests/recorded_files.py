@@ -18,10 +18,10 @@ import h5py
 import numpy as np
 from bvh_document import RIGS, bvh_text
 from column_map_sample import GLOVE, TABLE
-from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, iwer_json, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document, packed
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
+from recording_samples import a_correction
 from scipy.spatial.transform import Rotation
 
 from hhsim.motion.csv_file import format_csv

@@ -175,22 +175,3 @@ def damaged_bytes(data: bytes, random: Random) -> bytes:
             random.shuffle(lines)
             return b"\n".join(lines)
     return bytes(out)
-
-
-def damaged_container(data: bytes, random: Random) -> bytes:
-    """As `damaged_bytes`; or two blocks changed places, or a few bits of its beginning or end turned.
-
-    There a file of several parts says how it is laid out.
-    """
-    kind = random.integers(0, 8)
-    if kind < 5:
-        return damaged_bytes(data, random)
-    out, size = bytearray(data), len(data)
-    if kind == 5:
-        length = int(random.integers(1, size // 8))
-        one, other = int(random.integers(0, size // 2 - length)), int(random.integers(size // 2, size - length))
-        out[one : one + length], out[other : other + length] = data[other : other + length], data[one : one + length]
-        return bytes(out)
-    for place in random.integers(0, min(2500, size // 2), random.integers(1, 3)):
-        out[place if kind == 6 else size - 1 - place] ^= 1 << random.integers(0, 8)
-    return bytes(out)

@@ -1,18 +1,23 @@
-"""A short grasp of a simple object that several test modules replay, so that it is written down once."""
+"""A grasp of a cylinder in a fifth of a second, objects that swing beside it, scenes cut short, and their results."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from msgspec import structs
 
+from hhsim.arrays import FloatArray
 from hhsim.hand.model import HandModel, Side
+from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.catalogue import load_object
-from hhsim.motion.trajectory import Trajectory
+from hhsim.motion.trajectory import ObjectMotion, RigidMotion, Trajectory
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.body import Body, Driven
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import Hand, Scene, make_scene
 from hhsim.scene.script import Script, parse_script
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -69,3 +74,60 @@ def result_of(scene: Scene, path: Path, description: dict[str, Any] | None = Non
 def short_result(path: Path, script: Script | None = None, *, object_name: str = "cylinder", **options: Any) -> Result:
     """The scene of a script, a short grasp if none is given, replayed into a file."""
     return result_of(short_scene(script or short_grasp(), object_name), path, {"hand_file": None}, **options)
+
+
+def swing(time: FloatArray, speed: float = 3.0, turning: float = 20.0) -> RigidMotion:
+    """A rigid motion that reaches these speeds [m/s, rad/s], and begins in the world's frame."""
+    slow, quick = 2.0 * np.pi * 0.7, 2.0 * np.pi * 1.1
+    axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
+    angle = turning / slow * np.sin(slow * time)
+    way = speed / quick * np.sin(quick * time)
+    return RigidMotion(quaternion(angle[:, None] * axis), way[:, None] * np.array([0.6, 0.0, 0.8]))
+
+
+def carried(motion: Trajectory, by: RigidMotion) -> Trajectory:
+    """The hand and the object of a motion, both moved."""
+    count = motion.sample_count
+    place = np.tile(motion.object_position, (count, 1)), np.tile(motion.object_orientation, (count, 1))
+    return replace(
+        motion,
+        position=by.points(motion.position),
+        orientation=by.orientations(motion.orientation),
+        object_motion=ObjectMotion(by.points(place[0]), by.orientations(place[1])),
+    )
+
+
+def swung_result(scene: Scene, path: Path) -> Result:
+    """A scene of one thing that stands still, replayed into a file while hand and thing are swung about."""
+    motion = scene.hands[0].trajectory
+    return result_of(with_motion(scene, carried(motion, swing(motion.time))), path)
+
+
+def cut(scene: Scene, bodies: slice) -> Scene:
+    """Return the first ticks of the hands beside bodies that move from their places as in other ticks."""
+    cut_bodies = []
+    for body in scene.bodies:
+        if isinstance(body, Body) and isinstance(body.motion, Driven):
+            poses, values = body.motion.poses.at(bodies), body.motion.values
+            motion = Driven(poses, None if values is None else values[bodies])
+            joint = body.joint
+            if joint is not None and values is not None:
+                joint = structs.replace(joint, start=float(values[bodies][0]))
+            body = replace(body, motion=motion, joint=joint)
+        cut_bodies.append(body)
+    count = len(range(*bodies.indices(scene.ticks.tick_count)))
+    hands = tuple(replace(hand, ticks=hand.ticks.first(count)) for hand in scene.hands)
+    description = {**scene.description, "trajectory": f"{scene.description.get('trajectory')}, cut"}
+    return replace(scene, hands=hands, bodies=tuple(cut_bodies), description=description)
+
+
+def of_hand(scene: Scene, hand: int) -> Scene:
+    """Return a scene of two hands with one of them."""
+    return replace(scene, hands=(scene.hands[hand],))
+
+
+def moved_hand(scene: Scene, hand: int, **changed: object) -> Scene:
+    """Return a scene with other arrays of the ticks of a hand."""
+    hands: list[Hand] = list(scene.hands)
+    hands[hand] = replace(hands[hand], ticks=replace(hands[hand].ticks, **changed))  # type: ignore[arg-type]
+    return replace(scene, hands=tuple(hands))

@@ -1,12 +1,10 @@
 """Damaged files at every door: each command ends in time, in one line where it refuses, and never with a traceback.
 
-No change of a sealed file goes unnoticed. Without a seal, or sealed anew, a file may be damaged unseen: everything ends
-well, and what is written holds no impossible motion. tests/recordings/test_damage.py judges the numbers of recordings.
+No change of a sealed file goes unnoticed. Without a seal a file may be damaged unseen: everything ends well, and what
+is written holds no impossible motion. tests/recordings/test_damage.py judges the numbers of recordings.
 """
 
-import io
 import json
-import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,24 +16,21 @@ import pytest
 import trimesh
 from column_map_sample import GLOVE, TABLE
 from command_server import CommandServer, Served
-from driven_scenes import swung_result
-from free_scenes import free_result
+from conftest import sampled
 from gate_scene import SUITE
 from joint_samples import array_npy, arrays_npz, joint_sample, mcap_bytes, openxr_csv, webxr_json
 from leap_document import document
-from live_session import write_session
 from pose_samples import lerobot_bytes
-from recording_damage import Random, block, damaged_bytes
+from recording_damage import damaged_bytes
 from recording_samples import smooth_recording
-from sampled import sampled
-from short_grasp import short_grasp, short_grasp_text, short_result, short_scene
+from short_grasp import short_grasp, short_grasp_text, short_result
 from sweep_plans import PLAN
 
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.file import load_trajectory, save_trajectory
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.joint_names import KEYPOINTS
-from hhsim.system.checksummed_file import SIZE, sealed
+from hhsim.system.checksummed_file import SIZE
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.file import save_tree
 from hhsim.trees.options import TreeOptions
@@ -49,7 +44,7 @@ BLOCKS = [range(1), *(range(first, min(first + 100, 300)) for first in range(1, 
 
 
 class Kind(NamedTuple):
-    """Kind of file: a sample's name, its seal ("kept", "bare" without one, or made "anew"), and its commands."""
+    """Kind of file: a sample's name, its seal ("kept", or "bare" without one), and its commands."""
 
     name: str
     seal: str
@@ -70,21 +65,8 @@ RECORDING_COMMANDS = (
     "scene cube FILE --level 2 --out FILE.scene",
     "live glove cube --device replay --trajectory FILE --level 2 --no-record",
 )
-MORE_OF_RESULTS = (
-    *RESULT_COMMANDS,
-    "compare FILE result.h5",
-    "compare result.h5 FILE --json",
-    "export FILE out.csv",
-    "gate FILE --baseline result.h5",
-    "verify FILE --every 1 --json",
-)
 REPAIR = "repair FILE --object ball.obj --rate 100 --hand right --world-up y --length-unit m --max-correction 200"
 MOTION_COMMANDS = ("replay cube FILE --level 2 --out again.h5", "import FILE --out taken.h5")
-SESSION_COMMANDS = (
-    *RESULT_COMMANDS,
-    *("report FILE --json", "verify FILE --every 1 --json", "compare FILE FILE", "export FILE out.csv"),
-    "gate FILE",
-)
 TREE_COMMANDS = ("replay cup touch --tree FILE --out again.h5",)
 MESH_COMMANDS = ("replay FILE touch --unit m --level 2 --out again.h5",)
 REPAIRED = ("hand.npy", "hand.json", "hand.csv", "hand.npz", "openxr.csv")
@@ -102,10 +84,6 @@ KINDS = (
     Kind("take.parquet", "bare", RECORDING_COMMANDS),
 )
 OTHER_KINDS = (
-    *(Kind(name, "anew", MORE_OF_RESULTS) for name in ("result.h5", "driven.h5", "free.h5")),
-    Kind("session.h5", "anew", SESSION_COMMANDS),
-    Kind("motion.h5", "anew", MOTION_COMMANDS),
-    Kind("tree.h5", "anew", TREE_COMMANDS),
     *(Kind(f"ball.{suffix}", "bare", MESH_COMMANDS) for suffix in ("obj", "off", "ply", "glb")),
     Kind("script.toml", "bare", ("replay cube FILE --level 2 --ticks 50 --out again.h5",)),
     Kind("hand.toml", "bare", ("replay cube pinch --hand-file FILE --level 2 --ticks 50 --out again.h5",)),
@@ -121,9 +99,6 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """A sound file of each kind; of HDF5 files with their seal."""
     folder = tmp_path_factory.mktemp("samples")
     short_result(folder / "result.h5", short_grasp(hold=0.03))
-    free_result(folder / "free.h5")
-    write_session(folder / "session.h5")
-    swung_result(short_scene(short_grasp(hold=0.03)), folder / "driven.h5")
     cup = load_object("cup").mesh
     save_tree(cached_sphere_tree(cup, TreeOptions(level=2)), folder / "tree.h5")
     recording = smooth_recording(60)
@@ -181,119 +156,8 @@ def server(samples: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory) 
         yield server
 
 
-NUMBERS = (np.nan, np.inf, -np.inf, 0.0, -1.0, 1e-320, 1e300, -1e300, 2.0**63, 2.0**31, 1e9, 0.5)
-WHOLE = (0, -1, 1, 2**31 - 1, -(2**31), 2**62, -(2**62), 255, 1000)
-TEXTS = ("", "{}", "[]", "null", "NaN", "1e999", "{", '{"hand": 3}', "right", "mesh", "x" * 5_000, "\ud7ff")
-
-
-def damaged_hdf5(data: bytes, random: Random) -> bytes:
-    """An HDF5 file of which one to three objects or attributes have other values, another shape, or are gone."""
-    image = io.BytesIO(data)
-    with h5py.File(image, "r+") as file:
-        for _ in range(random.integers(1, 4)):
-            items = objects(file)
-            datasets = [item for item in items if isinstance(item, h5py.Dataset)]
-            with_attributes = [item for item in (file, *items) if len(item.attrs)]
-            kind = random.integers(0, 10)
-            if kind < 6:
-                _change_values(file, datasets[random.integers(len(datasets))], random)
-            elif kind < 9:
-                # The file's own attributes say more than the units of its datasets.
-                item = file if random.random() < 0.5 else with_attributes[random.integers(len(with_attributes))]
-                _change_attribute(item, random)
-            else:
-                del file[items[random.integers(len(items))].name]
-    return image.getvalue()
-
-
-def objects(file: h5py.File) -> list[Any]:
-    found: list[Any] = []
-    file.visititems(lambda _, item: found.append(item))
-    return found
-
-
-def _change_values(file: h5py.File, dataset: Any, random: Random) -> None:
-    values = dataset[()]
-    kind = random.integers(0, 6)
-    if kind < 4 and isinstance(values, np.ndarray) and values.size and values.dtype.kind in "fiu":
-        part = values.reshape(len(values), -1)[block(len(values), random, most=1.0)]
-        column = slice(None) if random.random() < 0.5 else int(random.integers(part.shape[1]))
-        whole = [number for number in WHOLE if np.can_cast(np.min_scalar_type(number), values.dtype)]
-        pool = NUMBERS if values.dtype.kind == "f" else whole
-        if kind == 3 and values.dtype.kind == "f":
-            part[:, column] *= random.choice([-1.0, 1e-6, 1e3, 1e6])
-        else:
-            part[:, column] = pool[random.integers(len(pool))]
-        dataset[...] = values
-        return
-    other: np.ndarray[Any, Any]
-    array = np.atleast_1d(values)
-    if kind == 4 and len(array):
-        other = array[: random.integers(len(array))]
-    elif kind == 5 and len(array):
-        other = np.concatenate([array, array[block(len(array), random)]])
-    else:
-        other = array.astype("S8") if array.dtype.kind in "fiu" else np.zeros(3)
-    name, attributes = dataset.name, dict(dataset.attrs)
-    del file[name]
-    file[name] = other
-    file[name].attrs.update(attributes)
-
-
-def _change_attribute(item: Any, random: Random) -> None:
-    name = list(item.attrs)[random.integers(len(item.attrs))]
-    value = item.attrs[name]
-    if random.random() < 0.1:
-        del item.attrs[name]
-    elif isinstance(value, str) and random.random() < 0.7:
-        item.attrs[name] = _other_text(value, random)
-    else:
-        pool = (*NUMBERS, *WHOLE, *TEXTS[:-1])
-        item.attrs[name] = pool[random.integers(len(pool))]
-
-
-def _other_text(text: str, random: Random) -> str:
-    """Another text; of a JSON document, often one with another value in it."""
-    if text.startswith(("{", "[")) and random.random() < 0.7:
-        return _other_word(text, random, r'(?<=[:\[,] )("[^"]*"|-?\d[\d.e+-]*|true|false|null|\{\}|\[\])', JSON_VALUES)
-    return TEXTS[random.integers(len(TEXTS) - 2)]
-
-
-JSON_VALUES = ("NaN", "-1", "0", "1e300", "1e-320", "99999999999999999999999", '"x"', "null", "true", "[]", "{}", "2.5")
-TOML_VALUES = ("nan", "-1", "0", "1e300", "1e-320", "99999999999999999999999", '"x"', "inf", "true", "[]", "{}", "2.5")
-
-
-def damaged_toml(data: bytes, random: Random) -> bytes:
-    """A TOML document with another value in it, or a line lost, doubled or moved."""
-    text = data.decode()
-    kind = random.integers(0, 6)
-    if kind < 4:
-        return _other_word(text, random, r'("[^"\n]*"|(?<![\w.])-?\d[\d.e+-]*|true|false)', TOML_VALUES).encode()
-    lines = text.split("\n")
-    place, other = random.integers(0, len(lines), 2)
-    line = lines[place]
-    if kind == 4:
-        del lines[place]
-    lines.insert(int(other), line if kind == 5 else "")
-    return "\n".join(lines).encode()
-
-
-def _other_word(text: str, random: Random, pattern: str, values: tuple[str, ...]) -> str:
-    found = list(re.finditer(pattern, text))
-    if not found:
-        return text[: random.integers(len(text) + 1)]
-    word = found[random.integers(len(found))]
-    return text[: word.start()] + values[random.integers(len(values))] + text[word.end() :]
-
-
 def damaged(kind: Kind, data: bytes, random: np.random.Generator) -> bytes:
-    """The sample with a damage; half of those that can be read change what it says."""
-    in_words = random.random() < 0.5
-    if kind.name.endswith(".toml") and in_words:
-        return damaged_toml(data, random)
-    if kind.seal == "anew":
-        data = data[:-SIZE]
-        return sealed(damaged_hdf5(data, random) if in_words else damaged_bytes(data, random))
+    """The sample with a damage."""
     return damaged_bytes(data[:-SIZE] if kind.seal == "bare" and kind.name.endswith(".h5") else data, random)
 
 
@@ -335,7 +199,7 @@ def name_of(value: Kind | range) -> str:
 
 
 CASES = [(kind, block) for kind in (*KINDS, *OTHER_KINDS) for block in BLOCKS]
-OFTEN = ("hand.npy", "hand.json", "result.h5", "motion.h5", "tree.h5", "script.toml", "plan.toml")
+OFTEN = ("hand.npy", "hand.json", "script.toml", "plan.toml")
 """Of the other kinds, those of which `make test` runs a corruption."""
 
 

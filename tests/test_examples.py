@@ -1,4 +1,4 @@
-"""The examples, each run as a user would: here, or where `RUN_ELSEWHERE` says."""
+"""Examples and tutorials run, and show what they say."""
 
 import importlib.util
 import json
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from command_lines import parse
+from conftest import REPOSITORY
 from own_command import hhsim_command
 from short_grasp import short_grasp, short_scene
 
@@ -20,6 +21,9 @@ from hhsim import HandConfiguration, MethodScene, SolverOptions, load_result, re
 from hhsim.hand.model import Side
 from hhsim.replay.conformance import NOTE, OK, check_method
 from hhsim.trees.file import load_tree
+from tools.notebooks import run, run_cell
+
+pytestmark = pytest.mark.slow
 
 RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
@@ -178,3 +182,46 @@ def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, envi
     assert (result["contacts/touching"][result.phase("hold")] >= 2).all()
     assert answer.returncode == 0, answer.stderr
     assert "every claim that could be judged holds" in answer.stdout
+
+
+NOTEBOOKS = sorted((REPOSITORY / "docs" / "tutorials").glob("*.ipynb"))
+EACH = pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+
+
+@EACH
+@pytest.mark.soak
+def test_every_cell_runs(notebook: Path, tmp_path: Path) -> None:
+    stored = json.loads(notebook.read_text(encoding="utf-8"))
+    made = run(notebook, tmp_path)
+    for before, after in zip(stored["cells"], made["cells"], strict=True):
+        if before["cell_type"] == "code":
+            kinds = [
+                [(output["output_type"], *output.get("data", {})) for output in cell["outputs"]]
+                for cell in (before, after)
+            ]
+            assert kinds[0] == kinds[1], "python -m tools.notebooks writes what the cells show now"
+
+
+@EACH
+def test_its_outputs_are_shown(notebook: Path) -> None:
+    cells = [cell for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert sum(bool(cell["outputs"]) for cell in cells) >= len(cells) // 2
+    for cell in cells:
+        assert (
+            not any("image/png" in output.get("data", {}) for output in cell["outputs"])
+            or len(cell["metadata"]["alt"]) > 30
+        )
+        assert "/tmp" not in json.dumps(cell["outputs"]) and str(REPOSITORY) not in json.dumps(cell["outputs"])
+
+
+def test_a_cell_that_fails_is_told() -> None:
+    def cell(source: str, **metadata: int) -> dict[str, object]:
+        return {"source": [source], "metadata": metadata}
+
+    assert run_cell(cell("a = 2\na + 1"), {})[0]["data"] == {"text/plain": "3"}
+    assert run_cell(cell("print('said');"), {})[0]["text"] == ["said\n"]
+    assert run_cell(cell("!exit 1", exit_code=1), {})[0]["text"] == []
+    with pytest.raises(RuntimeError, match="exit code 3"):
+        run_cell(cell("!exit 3"), {})
+    with pytest.raises(ZeroDivisionError):
+        run_cell(cell("1 / 0"), {})

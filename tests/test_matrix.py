@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from body_tables import TABLE, body, body_file, joint
 from command_server import CommandServer, Served
+from conftest import sampled
 from leap_document import keypoint_table, leap_hand
-from sampled import sampled
 
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.replay.stored_scene import stored_hand

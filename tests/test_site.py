@@ -86,7 +86,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_every_link_of_the_site_leads_somewhere_and_nothing_comes_from_elsewhere(site: Path) -> None:
     pages = {
         path: Targets(path.read_text(encoding="utf-8")) for path in site.rglob("*.html") if path.name != "404.html"
@@ -104,7 +104,7 @@ def test_every_link_of_the_site_leads_somewhere_and_nothing_comes_from_elsewhere
                 assert anchor in pages[there].anchors, f"{path.name}: {target} has no such heading"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_the_first_page_is_light(site: Path) -> None:
     page = site / "index.html"
     loaded = {(site / target).resolve() for target in Targets(page.read_text(encoding="utf-8")).loaded}

@@ -1,7 +1,6 @@
 """`hhsim compare`, `export`, `view` and `report` as users meet them, and the commands that a report tells them."""
 
 import base64
-import json
 import shlex
 import shutil
 from pathlib import Path
@@ -9,9 +8,8 @@ from pathlib import Path
 import h5py
 import pytest
 from conftest import Run
-from drawings_alone import leave_report_undrawn
+from file_faults import changed
 from report_reader import read_page
-from sealed_change import changed
 from short_grasp import short_grasp_text, short_result
 
 from hhsim.report.sections import report_runs, result_tables
@@ -109,26 +107,6 @@ def test_a_report_is_made_and_told(run: Run, results: Path, tmp_path: Path) -> N
     assert [base64.b64decode(str(image.attributes["src"]).partition(",")[2]) for image in page.all("img")] == [
         (folder / f"{figure.attributes['id']}.png".replace("figure-", "")).read_bytes() for figure in page.all("figure")
     ]
-
-
-@pytest.mark.soak
-def test_several_results_are_told_to_machines(
-    run: Run, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # What is drawn is tested elsewhere, and takes time.
-    leave_report_undrawn(monkeypatch)
-    coupled, paper = (str(results / f"{method}.h5") for method in ("coupled", "paper"))
-    answer = run("report", coupled, paper, "--out", "both.html", "--json")
-    document = json.loads(answer.out)
-    assert document["report"] == "both.html"
-    assert [row["label"] for row in document["results"]] == ["A: coupled", "B: paper"]
-    assert document["comparisons"][0]["comparable"] is True
-    assert any(text.startswith("method:") for text in document["comparisons"][0]["how"])
-    assert document["results"][0]["figures"]["penetration_max"] == 0.0
-    assert all((tmp_path / path).is_file() for path in document["pictures"])
-    quiet = run("report", paper, "--out", "again", "--quiet")
-    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
-    assert (tmp_path / "again" / "report.html").is_file()
 
 
 def test_the_command_that_made_a_result_is_told_as_it_was_typed(run: Run, tmp_path: Path) -> None:

@@ -7,8 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from conftest import Run
-from sampled import sampled
+from conftest import Run, sampled
 from short_grasp import short_result
 from sweep_plans import PLAN, write_plan
 

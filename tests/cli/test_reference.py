@@ -45,44 +45,6 @@ def options_of(path: str) -> list[click.Option]:
     ]
 
 
-def test_the_texts_of_options_are_sentences_without_marks_and_say_what_a_value_is() -> None:
-    for path in COMMANDS:
-        for option in options_of(path):
-            text, name = option.help or "", f"{path} {option.opts[0]}"
-            assert text.endswith("."), name
-            assert not re.search(r"`|\s\s|\[default", text), name
-            record = option.get_help_record(COMMANDS[path].context)
-            assert record is not None
-            # INTEGER RANGE, FLOAT or PATH say nothing of what the value means.
-            assert not re.search(r" (INTEGER|FLOAT|PATH|FILENAME)( RANGE)?$", record[0]), name
-            if isinstance(option.type, click.Choice) and {"auto", "paper", "coupled"} & set(option.type.choices):
-                assert all(re.search(rf"\b{choice}\b", text) for choice in option.type.choices), name
-
-
-def test_a_command_takes_few_arguments_and_many_options_stand_under_headings() -> None:
-    for path in COMMANDS:
-        found = COMMANDS[path]
-        assert len(inspect.signature(found.command.callback).parameters) <= 10
-        sections = help_sections(found.command, found.context)
-        assert sum(map(len, sections.values())) == len(options_of(path)) + 1, "with --help, and no argument"
-        assert (len(sections) > 1) == (len(options_of(path)) > 15)
-
-
-ALIKE = "--out --json --quiet --seed --unit --budget --fingers --samples"
-"""Options that mean the same wherever they are; others of one name differ as the commands do."""
-
-
-@pytest.mark.parametrize("name", ALIKE.split())
-def test_what_means_the_same_is_explained_alike(name: str) -> None:
-    found = {path: option for path in COMMANDS for option in options_of(path) if option.opts[0] == name}
-    if name == "--out":
-        # A report is a page and its pictures, and scenes, sweeps and repairs are folders.
-        for other in ("report", "scene", "sweep", "repair"):
-            found.pop(f"hhsim {other}")
-    assert len(found) > 1
-    assert len({(option.help, option.metavar, tuple(option.opts)) for option in found.values()}) == 1
-
-
 def library_defaults() -> Iterator[tuple[str, str, str]]:
     """Command, option and what the library takes where the option is not given, as the help should spell it."""
     from hhsim.gate.suite import default_suite

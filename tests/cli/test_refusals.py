@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from conftest import Run
 from joint_samples import joint_sample, openxr_csv
-from linkage_samples import BOX, joint, link, urdf
+from linkage_samples import BOX, joint, link, urdf, write_arm
 from recording_samples import write_descent
-from robot_arms import write_arm
 from short_grasp import short_result
 
 POT = urdf(

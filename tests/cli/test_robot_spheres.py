@@ -1,4 +1,4 @@
-"""`hhsim build-tree ROBOT`, as its user meets it."""
+"""Commands of linkages: spheres of robots' links, and URDF as a thing of a scene."""
 
 import json
 from itertools import chain
@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Run
-from linkage_samples import joint, link, urdf, write_box
-from robot_arms import write_arm
+from linkage_samples import BOX, joint, link, urdf, write_arm, write_box
+from short_grasp import short_grasp_text
+
+from hhsim.result.reader import load_result
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("read_here")]
 
@@ -51,15 +53,6 @@ def test_a_robot_is_built_written_drawn_and_judged(
         assert answer.code == code and told in answer.err and "are they in another unit" in answer.err
     several = run("build-tree", "box.obj", "--size", "300", "--from", "arm.xrdf")
     assert several.code == 2 and "expected the name of one (--link)" in several.err
-
-
-@pytest.mark.soak
-def test_links_that_are_all_fixed_are_one_object(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "box.urdf").write_text(urdf(link("a"), link("b"), joint("a", "b", "fixed", origin='xyz="0 0 0.1"')))
-    answer = run("build-tree", "box.urdf", "--level", "1", "--json")
-    assert json.loads(answer.out)["leaves"] == 8
-    answer = run("build-tree", "box.urdf", "--leaves", "3", "--as", "json", "--json")
-    assert [each["spheres"] for each in json.loads(answer.out)["links"]] == [3, 3]
 
 
 FLAT, LINE = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n", "v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n"
@@ -163,3 +156,47 @@ def test_spheres_that_touch_in_the_start_pose_are_told_or_listed(run: Run, tmp_p
     assert len(told) == len(found["touching"]) == (kind == "always")
     assert ('link1="a" link2="c" reason="Default"' in (tmp_path / "arm.srdf").read_text()) is (kind == "default")
     assert found["self_collision_ignore"]["a"] == (["b", "c"] if kind == "default" else ["b"])
+
+
+INERTIAL = '<inertial><mass value="0.3"/><inertia ixx="2e-4" iyy="2e-4" izz="1e-4"/></inertial>'
+BLOCK = urdf(link("block", BOX.format("0.06 0.06 0.06") + INERTIAL), name="block")
+LID = BOX.format("0.06 0.06 0.01").replace("<geometry", '<origin xyz="0 0.03 0"/><geometry')
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    (tmp_path / "short.toml").write_text(short_grasp_text())
+    (tmp_path / "opens.toml").write_text(short_grasp_text() + "\n[joint]\nhinge = [[0.0, 0.0], [0.1, 0.4]]\n")
+    (tmp_path / "block.urdf").write_text(BLOCK)
+    hinge = joint(
+        "block", "lid", name="hinge", origin='xyz="0 -0.03 0.0351"', axis="1 0 0", limit='lower="0" upper="2"'
+    )
+    (tmp_path / "pot.urdf").write_text(urdf(link("block", BOX.format("0.06 0.06 0.06")), link("lid", LID), hinge))
+    return tmp_path
+
+
+def test_a_file_of_one_link_is_replayed_as_its_mesh_and_free_with_its_mass(run: Run, work: Path) -> None:
+    answer = run("replay", "block.urdf", "short.toml", "--out", "one.h5", "--level", "2")
+    assert answer.code == 0, answer.err
+    assert answer.out.startswith("block, short, coupled: 200 ticks\n")
+    result = load_result(work / "one.h5")
+    assert result.scene["object"] == "block.urdf" and result["contacts/candidates"].max() > 0
+    assert run("replay", "one.h5").code == 0
+    answer = run(
+        *("replay", "block.urdf", "short.toml", "--free", "--surface", "mesh"),
+        *("--level", "1", "--out", "free.h5", "--ticks", "20"),
+    )
+    assert answer.code == 0, answer.err
+    assert load_result(work / "free.h5").body.properties["mass"] == 0.3
+
+
+def test_the_tree_of_a_link_is_built_by_its_name(run: Run, work: Path) -> None:
+    document = run("build-tree", "pot.urdf", "--link", "lid", "--level", "1", "--out", "lid.h5", "--json").document()
+    assert document["object"] == "lid" and document["extent"] == pytest.approx([0.06, 0.06, 0.01])
+
+
+def test_a_scene_of_links_is_written_for_other_software(run: Run, work: Path) -> None:
+    answer = run("scene", "pot.urdf", "opens.toml", "--level", "1", "--out", "folder")
+    assert answer.code == 0, answer.err
+    names = {"block.obj", "lid.obj", "scene.xml", "driven.csv"}
+    assert names <= {path.name for path in (work / "folder").iterdir()}

@@ -13,11 +13,10 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run
-from file_faults import forge_scene
+from file_faults import changed, forge_scene
 from gate_scene import SUITE, write_suite
 from hypothesis import given
 from hypothesis import strategies as st
-from sealed_change import changed
 
 from hhsim.errors import InputError
 from hhsim.gate.gate import GateReport, gate_result, load_baseline, write_baseline

@@ -1,4 +1,4 @@
-"""The gate as CI runs it: other pythons, planted faults, the shell and the GitHub example."""
+"""The gate as CI runs it: other pythons, methods of others, a session, the shell and the GitHub example."""
 
 import importlib
 import json
@@ -13,16 +13,24 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
-from conftest import Run
+from conftest import Run, sampled
+from file_faults import changed
 from gate_scene import SUITE, write_suite
+from live_scripted import write_session
 from own_command import hhsim_command
-from sampled import sampled
+from short_grasp import short_result
 
 from hhsim.errors import InputError
-from hhsim.gate.gate import gate_suite
+from hhsim.gate.gate import gate_result, gate_suite
 from hhsim.gate.metrics import RunFigures, cpu_p50, run_figures
+from hhsim.gate.report import not_judged
 from hhsim.gate.run import RunFailed, Side, find_side, measured
-from hhsim.gate.suite import GateScene, load_suite
+from hhsim.gate.suite import GateScene, load_suite, parse_suite
+from hhsim.gate.verdict import LOST
+from hhsim.kernels.tick.state import STATUS_LAG, STATUS_STUCK
+from hhsim.result.reader import load_result
+from hhsim.result.safety import Safety
+from hhsim.solver.method import outside_class
 
 pytestmark = pytest.mark.slow
 
@@ -187,3 +195,66 @@ def test_the_github_example_is_yaml_whose_gate_line_the_command_takes(repository
     assert context.params["base_folder"] == Path("../base")
     answer = subprocess.run(["sh", "-n", "-c", steps["Install both"]["run"]], capture_output=True, text=True)
     assert answer.returncode == 0, answer.stderr
+
+
+OTHERS = "outside_methods:OurOwn"
+LIMITED = SUITE.replace("[limits]", "[limits]\nlag_max = 1e-6\nrows_max = 0\nforce_contact_max = 20.0")
+
+
+def test_what_a_method_of_others_does_not_tell_is_no_miss_unless_it_told_it_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite = parse_suite(LIMITED, Path(), "own")
+    base = short_result(tmp_path / "base.h5", method=OTHERS)
+    report = gate_result(base, suite, base)
+    (untold,) = (line for line in not_judged(report) if "does not tell it" in line)
+    assert report.exit_code == 0 and "limit on stuck_ticks, lag_ticks, lag_max, rows_max not judged" in untold
+    monkeypatch.setattr(outside_class(OTHERS), "gives_forces", False)
+    head = gate_result(short_result(tmp_path / "head.h5", method=OTHERS), suite, base)
+    assert head.exit_code == 1 and {row.reason for row in head.missed} == {LOST}
+    assert {"force_step", "force_contact_step"} <= {row.name for row in head.missed}
+
+
+def test_a_result_is_judged_without_the_module_of_its_method(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("own", "from outside_methods import Promises as Own\n"), ("broken", "raise SystemExit(3)")):
+        Path("own_method.py").write_text(text)
+        sys.modules.pop("own_method", None)
+        if name == "own":
+            path = short_result(tmp_path / "own.h5", method="own_method:Own").path
+    Path("hhsim-gate.toml").write_text("version = ")
+    assert run("gate", str(path), "--quiet").code == 1
+    (row,) = (row for row in gate_result(load_result(path)).rows if row.name == "penetration_max")
+    assert row.limit == 1e-6, "its file says that the method promises it"
+
+
+def test_a_scene_that_the_base_folder_lacks_is_judged_by_its_limits(
+    run: Run, suite: Path, this_side: Side, one_result: tuple[RunFigures, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def replay(scene: GateScene, side: Side, *_: Any) -> RunFigures:
+        if side.name == "base":
+            raise RunFailed("no such object", scene, side, refused=True)
+        return one_result[0]
+
+    monkeypatch.setattr("hhsim.gate.gate.measured", replay)
+    base = replace(this_side, name="base", folder=suite.parent)
+    report = gate_suite(load_suite(suite), this_side, base=base, timed=False)
+    assert report.exit_code == 0
+    assert any("new, so judged by limits alone: base" in row.reason for row in report.rows)
+    assert "no such folder" in run("gate", str(suite), "--base-folder", "nowhere").err
+
+
+def test_a_session_is_judged_by_its_file_and_its_faults_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "session.h5"
+    write_session(path)
+    figures = {"stuck_ticks", "lag_ticks", "ended_early", "malformed_share", "freed_share"}
+    assert not {row.name for row in gate_result(load_result(path)).missed} & figures
+    with changed(path) as file:
+        hand = file["hands/right"]
+        hand["tick/status"][50:60] = STATUS_STUCK | STATUS_LAG
+        hand["live/tick/safety"][50:60] = Safety.STALE_INPUT
+        counters = {**json.loads(hand["live"].attrs["counters"]), "frames": 60_000, "malformed": 1280}
+        hand["live"].attrs.update({"counters": json.dumps(counters), "ended": "the loop failed or was killed"})
+    assert figures <= {row.name for row in gate_result(load_result(path)).missed}

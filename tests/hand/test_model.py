@@ -16,7 +16,7 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
-from hhsim.hand.model import HandModel, Side, default_fingers, format_hand_file
+from hhsim.hand.model import HandModel, default_fingers, format_hand_file
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, palm_mesh
 from hhsim.kernels.hand import kinematics
 from hhsim.mesh.mesh import Mesh
@@ -67,35 +67,6 @@ def fingertip(
     pad = np.cross(axis[finger], along)
     normal = np.cos(np.radians(40.0)) * pad + np.sin(np.radians(40.0)) * along
     return joints[finger, 3] + hand.radius[finger, 3] * normal, normal
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize(
-    ("finger", "thumb", "thumb_abduction", "flexion"),
-    [
-        (1, (14, 14, 12), 13, (49, 48, 28)),
-        (2, (18, 14, 11), 24, (53, 51, 25)),
-        (3, (21, 17, 15), 29, (52, 49, 21)),
-        (4, (26, 23, 21), 28, (47, 40, 13)),
-    ],
-)
-def test_thumb_opposes_every_finger(
-    side: Side,
-    finger: int,
-    thumb: tuple[float, float, float],
-    thumb_abduction: float,
-    flexion: tuple[float, float, float],
-) -> None:
-    hand = HandModel.default(side)
-    angles, abduction = np.zeros((5, 3)), np.zeros(5)
-    angles[0], angles[finger], abduction[0] = np.radians(thumb), np.radians(flexion), np.radians(thumb_abduction)
-    assert (hand.flexion_min <= angles).all()
-    assert (angles <= hand.flexion_max).all()
-    assert hand.abduction_min[0] <= abduction[0] <= hand.abduction_max[0]
-    thumb_point, thumb_normal = fingertip(hand, 0, angles, abduction)
-    finger_point, finger_normal = fingertip(hand, finger, angles, abduction)
-    assert np.linalg.norm(thumb_point - finger_point) < 0.003
-    assert thumb_normal @ finger_normal < -0.4
 
 
 def test_left_is_the_mirror() -> None:

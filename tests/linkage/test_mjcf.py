@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import sampled
 from linkage_samples import places, write_box
-from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import sampled
 from linkage_samples import BOX, joint, link, places, random_urdf, urdf, write_box
-from sampled import sampled
 
 from hhsim.errors import InputError, MeshError
 from hhsim.linkage import file as linkage_file

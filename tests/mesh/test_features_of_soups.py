@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from mesh_oracle import Cones, along_axes, by_arctangents, from_triangles, least_of_features
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray

@@ -3,16 +3,15 @@
 import hashlib
 import tempfile
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 
 from hhsim.errors import InputError, MeshError, UnknownNameError
 from hhsim.mesh import repair
@@ -277,10 +276,6 @@ COMPLEX = ["rock", "shamrock", "cup", "teapot", "bunny", "handle-box"]
 GENUS = {"cup": 1, "teapot": 1, "handle-box": 2}
 
 
-def test_names_in_the_order_of_the_paper() -> None:
-    assert object_names() == SIMPLE + COMPLEX
-
-
 @pytest.mark.parametrize("name", sampled(SIMPLE + COMPLEX, lambda _, name: name in ("cube", "cup", "handle-box")))
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
@@ -299,36 +294,6 @@ def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     assert tested >= 500
     surface = closed_surface(mesh.vertices, mesh.faces, name)
     assert (surface.merged, surface.repairs, surface.warnings) == ([], [], [])
-
-
-@pytest.mark.parametrize("name", SIMPLE + COMPLEX)
-def test_description_is_complete(name: str) -> None:
-    item, description = load_object(name), object_description(name)
-    assert description["name"] == item.name == item.mesh.name == name
-    assert item.paper_level == (3 if name in SIMPLE else 4)
-    assert item.level == (3 if name in ("sphere", "cylinder") else 4)
-    for text in (item.title, item.stresses, item.source, item.licence, description["frame"]):
-        assert len(text) > 10
-    assert description["unit"] == "m"
-    assert description["scale"] > 0.0
-    assert ("generator" in description) != ("package" in description)
-    # What hhsim did not make carries its terms beside it.
-    assert bool(item.notice) == ("package" in description)
-    if item.notice:
-        assert len((files("hhsim.objects") / item.notice).read_text(encoding="utf-8")) > 200
-
-
-def test_every_file_of_the_folder_belongs_to_an_object() -> None:
-    wanted = {"__init__.py", "closures.json", "palm-tree.h5", "left-palm-tree.h5"}
-    for name in object_names():
-        description = object_description(name)
-        wanted |= {
-            f"{name}.toml",
-            f"{name}-tree.h5",
-            description["file"],
-            *([description["notice"]] if "notice" in description else []),
-        }
-    assert {entry.name for entry in files("hhsim.objects").iterdir() if entry.is_file()} == wanted
 
 
 @pytest.mark.parametrize("name", GENERATORS)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from corrupted_meshes import corrupted
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sampled import sampled
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError

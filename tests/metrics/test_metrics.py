@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import bumpy_ball
 

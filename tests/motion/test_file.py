@@ -7,9 +7,9 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from file_faults import changed
 from hypothesis import given
 from hypothesis import strategies as st
-from sealed_change import changed
 
 from hhsim.errors import HhsimError, OutputError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, edited, read_table

@@ -5,11 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from conftest import sampled
 from joint_samples import JointSample, Side, array_npy, arrays_npz, joint_sample, openxr_csv, words
 from recording_samples import read_as, smooth_recording
-from sampled import sampled
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
@@ -173,28 +171,6 @@ def wave(hand: HandModel, count: int, seed: int, share: float = 0.8) -> tuple[Fl
         return np.asarray((0.5 * (low + high).ravel() + swing * (high - low).ravel()).reshape(count, *low.shape))
 
     return within(hand.flexion_min, hand.flexion_max), within(hand.abduction_min, hand.abduction_max)
-
-
-@settings(max_examples=15, deadline=None)
-@given(side=st.sampled_from(SIDES), length=st.floats(0.15, 0.21), seed=st.integers(0, 10_000), count=st.integers(1, 30))
-@pytest.mark.soak
-def test_known_angles_come_back(side: Side, length: float, seed: int, count: int) -> None:
-    hand = HandModel.default(side, hand_length=length)
-    random = np.random.default_rng(seed)
-    # Unrelated samples: no motion may be taken for a flip.
-    flexion = random.uniform(hand.flexion_min, hand.flexion_max, (count, 5, 3))
-    abduction = random.uniform(hand.abduction_min, hand.abduction_max, (count, 5))
-    axes = finger_axes(side)
-    joints = finger_joints(hand.base, hand.length, flexion, abduction, axes)
-    found, aside = fitted_angles(joints, hand.base, hand.length, axes, side)
-    again = finger_joints(hand.base, hand.length, found, aside, axes)
-    assert np.abs(again - joints).max() < 1e-7
-    # A finger that is straight down from its base has any abduction.
-    reach = np.abs(joints[:, :, 1:] - hand.base[:, None]) - np.abs(
-        ((joints[:, :, 1:] - hand.base[:, None]) @ axes.dorsal[:, :, None]) * axes.dorsal[:, None]
-    )
-    clear = np.linalg.norm(reach, axis=(2, 3)) > 0.01
-    assert np.abs(np.where(clear, aside - abduction, 0.0)).max() < 1e-5
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Run
 from joint_samples import Y_UP, arrays_npz, joint_sample, mcap_bytes, words  # fmt: skip
 from leap_document import document
 from recording_samples import read_as, smooth_recording
@@ -17,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.file import load_trajectory, save_trajectory
+from hhsim.motion.file import save_trajectory
 from hhsim.motion.trajectory import ObjectMotion
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.recordings.object_poses import with_object_poses
@@ -154,20 +153,3 @@ def test_a_file_of_hhsim_is_right_handed(tmp_path: Path) -> None:
     save_trajectory(clean_recording(MOTION).trajectory, tmp_path / "take.h5")
     with pytest.raises(InputError, match="--mirror z: a file of hhsim is right-handed"):
         read_recording(tmp_path / "take.h5", ReadOptions(mirror="z"))
-
-
-def test_real_mirrored_hands_have_the_angles_of_the_one_they_show(run: Run, shared_data: Path, tmp_path: Path) -> None:
-    field = shared_data / "field"
-    assert run("import", str(field / "excel-decimal-comma.csv"), "--out", "right.h5", "--quiet") == (0, "", "")
-    right = load_trajectory(tmp_path / "right.h5")
-    code, out, err = run("import", str(field / "mirrored-right.npz"), "--out", "wrong.h5")
-    assert (code, out) == (2, "") and err.count("\n") == 1 and "say --mirror x|y|z" in err and "--hand left" in err
-    assert not (tmp_path / "wrong.h5").exists()
-    for file, axis in (("mirrored-right.npz", "x"), ("unity-left-handed.npz", "z"), ("joints-with-fps.pkl", "")):
-        options = ("--mirror", axis) if axis else ()
-        code, out, err = run("import", str(field / file), *options, "--out", "again.h5")
-        again = load_trajectory(tmp_path / "again.h5")
-        assert (code, err, again.hand) == (0, "", "right")
-        # The table has five decimals of a metre.
-        assert np.abs(again.flexion - right.flexion).max() < 1e-3 and np.allclose(again.time, right.time, atol=1e-4)
-    assert "30 samples a second, as 'fps' says" in out

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from correction_samples import a_correction
 from joint_samples import array_npy, arrays_npz, joint_sample
 from recorded_files import CASES, COUNT, GOLDEN, Case, keypoints_csv, laid_out
+from recording_samples import a_correction
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.configuration import HandConfiguration
@@ -25,7 +25,6 @@ from hhsim.recordings.registry import (
     ReadOptions,
     changes,
     format_of,
-    read_content,
     read_recording,
     recording_formats,
     repaired_suffix,
@@ -233,44 +232,6 @@ def test_our_own_files(suffix: str, tmp_path: Path) -> None:
         assert seal_holds(out) and load_trajectory(out).name == load_trajectory(path).name
     write_recording(path, options, recording, a_correction(recording, changed=slice(0)), out)
     assert out.read_bytes() == path.read_bytes()
-
-
-def test_changes_of_angles_are_in_the_unit_of_the_file(tmp_path: Path) -> None:
-    path, out, motion = tmp_path / "take.npz", tmp_path / "new.npz", SAMPLE.motion
-    degrees = {"flex": np.degrees(motion.flexion), "abd": np.degrees(motion.abduction)}
-    path.write_bytes(arrays_npz(t=motion.time, wrist_pos=motion.position, wrist_quat=motion.orientation, **degrees))
-    recording = read_recording(path)
-    correction = a_correction(recording)
-    write_recording(path, ReadOptions(), recording, correction, out)
-    same_motion(read_recording(out), recording, correction, atol=1e-12)
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-@pytest.mark.parametrize(
-    ("form", "suffix", "options"),
-    [
-        ("keypoints", ".npz", {"world_up": "z"}),
-        ("keypoints", ".csv", {"world_up": "z"}),
-        ("npz", ".npz", {}),
-        ("csv", ".csv", {}),
-    ],
-)
-def test_a_new_file_of_a_format_is_read_back(form: str, suffix: str, options: dict[str, Any], side: Any) -> None:
-    sample = joint_sample(side)
-    motion, joints = sample.motion, sample.joints[:, [OPENXR_JOINTS.index(name) for name in KEYPOINTS]]
-    make = recording_formats()[form].make
-    assert make is not None
-    data = make(suffix, motion.changed(joints=joints))
-    content = Content(data=data)
-    assert format_of(content, ReadOptions()).name == form
-    again = read_content(content, ReadOptions(hand=side, **options))
-    assert np.array_equal(again.time, motion.time) and again.hand == side
-    if again.joints is None:
-        same = HandConfiguration.of(again)
-        assert all(np.allclose(a, b, atol=1e-15) for a, b in zip(same, HandConfiguration.of(motion)))
-    else:
-        assert np.allclose(again.joints, joints, atol=1e-15)
-        assert np.allclose(again.flexion, motion.flexion, atol=1e-6)
 
 
 READ_ALONE = (

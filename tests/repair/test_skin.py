@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from joint_samples import joint_sample
 from pose_samples import mano_poses
-from sampled import sampled
 from skin_samples import FLESH, Y_FRAME, SkinSample, correction_to, shaken, skin_sample
 
 from hhsim.arrays import BoolArray, FloatArray
@@ -170,18 +170,6 @@ def test_a_hand_with_an_object_through_it_is_freed(name: str) -> None:
     found = push_out(HandJudge(sample.hand, mesh), sample.skin, sample.joints, sample.fitted, sample.fitted)
     assert found.is_freed.all() and found.depth.max() > 1e-3
     judged(sample, mesh, found)
-
-
-@pytest.mark.soak
-@given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(SHAPES)))
-@settings(max_examples=20)
-def test_any_place_is_freed(seed: int, name: str) -> None:
-    sample, random = skin_sample(), np.random.default_rng(seed)
-    mesh = mesh_of(SHAPES[name], sample.joints[int(random.integers(12)), int(random.integers(21))])
-    start = correction_to(sample, shaken(sample, seed, 1.0), ALL).posture
-    found = push_out(HandJudge(sample.hand, mesh), sample.skin, sample.joints, sample.fitted, start)
-    assert found.is_freed.all()
-    assert depth_in(mesh, moved(sample, found.posture, ALL)).max() <= 1e-12
 
 
 def test_an_object_that_leaves_no_room_is_marked() -> None:

@@ -11,12 +11,11 @@ import h5py
 import numpy as np
 import pytest
 from body_tables import body, body_file, joint
-from cut_scene import cut, of_hand
-from described_datasets import bare_datasets
+from file_faults import bare_datasets
+from file_faults import changed as opened
 from joint_samples import joint_sample
 from leap_document import document
-from sealed_change import changed as opened
-from short_grasp import result_of, shortened
+from short_grasp import cut, result_of, shortened
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
@@ -205,20 +204,6 @@ def stored(both: Replay) -> Path:
     path = both.hands[0].path
     assert path is not None
     return path
-
-
-@pytest.mark.soak
-def test_each_hand_is_as_it_is_alone(stored: Path, block_scene: Scene, tmp_path: Path) -> None:
-    hands = load_result(stored).hands
-    assert list(hands) == ["right", "left"]
-    for hand, (name, found) in enumerate(hands.items()):
-        alone = result_of(of_hand(block_scene, hand), tmp_path / f"{name}.h5")
-        assert found.side == name == HANDS[hand].side and found.complete
-        for name in sorted(alone.keys()):
-            if not name.startswith("duration/"):
-                assert found[name].tobytes() == alone[name].tobytes(), name
-        assert found.summary.keys() == alone.summary.keys()
-        assert found["contacts/touching"].max() > 0
 
 
 def test_one_file_holds_both_and_nothing_is_left_beside_it(stored: Path) -> None:

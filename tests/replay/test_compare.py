@@ -11,8 +11,7 @@ from typing import Any
 
 import h5py
 import pytest
-from file_faults import of_scene
-from sealed_change import changed
+from file_faults import changed, of_scene
 from short_grasp import short_result
 
 from hhsim.metrics.run.registry import run_metrics

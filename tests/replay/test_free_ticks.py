@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from conftest import Run
-from described_datasets import bare_datasets
-from driven_scenes import carried, swing
+from conftest import Run, sampled
+from file_faults import bare_datasets, changed
 from msgspec import structs
-from sampled import sampled
-from sealed_change import changed
-from short_grasp import result_of, short_grasp, short_scene, shortened
+from short_grasp import carried, result_of, short_grasp, short_scene, shortened, swing
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError

@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import REPOSITORY, Run
+from conftest import REPOSITORY, Run, sampled
 from markdown_pages import Page
-from sampled import sampled
 from short_grasp import result_of
 from sphere_scenes import result_clearance
 

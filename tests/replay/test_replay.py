@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 from short_grasp import shortened
 from sphere_scenes import bumpy_ball, random_targets, record_clearance, result_clearance
 

@@ -8,9 +8,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from file_faults import Fault, at
+from file_faults import Fault, at, changed
 from live_rings import ended, make_setup, numbered_samples, pour, solved_ticks
-from sealed_change import changed
 from short_grasp import short_grasp, short_result
 from sphere_scenes import bumpy_ball
 

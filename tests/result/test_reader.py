@@ -14,10 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from described_datasets import bare_datasets
-from file_faults import attribute
+from file_faults import attribute, bare_datasets, changed
 from numpy.typing import NDArray
-from sealed_change import changed
 
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase

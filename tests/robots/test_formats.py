@@ -7,8 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
-from linkage_samples import joint, link, urdf
-from robot_arms import SHAPES, write_arm
+from linkage_samples import SHAPES, joint, link, urdf, write_arm
 from scipy.spatial.transform import Rotation
 
 from hhsim.errors import InputError
@@ -64,16 +63,6 @@ def test_a_link_of_a_sphere_is_that_sphere(arm: RobotSpheres) -> None:
     (ball,) = [each for each in arm.links if each.name == "ball"]
     assert ball.spheres.tolist() == [[0.0, 0.0, 0.0, 0.05]] and ball.proved
     assert all(each.proved and each.fit.surface_coverage == 1.0 for each in arm.links)
-
-
-def test_triangles_of_round_shapes_enclose_them(arm: RobotSpheres) -> None:
-    # So what covers the triangles covers the shape: points on the true cylinder and capsule lie in the spheres.
-    angle, height = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, 5000), np.linspace(-0.1, 0.1, 5000)
-    for name, radius, lift in (("turret", 0.06, 0.1), ("lower", 0.04, 0.12)):
-        points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height + lift])
-        spheres = arm.spheres[name]
-        gap = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2) - spheres[:, 3]
-        assert gap.min(axis=1).max() <= 1e-12
 
 
 def test_a_urdf_keeps_all_but_its_collisions(arm: RobotSpheres) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 from scipy.spatial.transform import Rotation
 from short_grasp import short_grasp_text
 from sphere_scenes import brute_pairs, bumpy_ball, object_tree

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import sampled
 from joint_samples import joint_sample, openxr_csv
 from msgspec import structs
 from recording_samples import smooth_recording
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, object_tree, record_clearance, row
 
@@ -24,7 +24,6 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import DAMAGED, SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
-from hhsim.motion.tremor import Disturbance
 from hhsim.recordings.cleaning import clean_recording
 from hhsim.scene import closure_search
 from hhsim.scene.closure_search import plan_finger_closure
@@ -54,16 +53,6 @@ duration = 0.25
 
 def parse(text: str) -> Script:
     return parse_script(text, name="mine", where="mine.toml")
-
-
-def test_a_short_script_takes_the_documented_defaults() -> None:
-    script = parse(SMALL)
-    assert script.name == "mine"
-    assert script.phases == (ScriptPhase("approach", 0.5), ScriptPhase("touch", 0.25, ("index",)))
-    assert (script.rate, script.contact, script.depth, script.clearance) == (1000.0, True, 0.015, 0.005)
-    assert (script.palm_gap, script.palm_depth, script.start_distance, script.curl) == (0.005, 0.0, 0.12, 1.0)
-    assert script.disturbance == Disturbance()
-    assert (script.duration, script.sample_count, script.fingers) == (0.75, 750, ("index",))
 
 
 def phase(name: str, more: str = "") -> str:

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from free_scenes import TIP, body_of, box, solver_of, tongs
-from sampled import sampled
 from sphere_scenes import BALL_RADIUS, CURL, UNTIMED, bumpy_ball, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray

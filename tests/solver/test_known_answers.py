@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
 from scipy.spatial.transform import Rotation
 from sphere_scenes import brute_pairs, sphere_tree

@@ -23,19 +23,7 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE, WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.method import (
-    EVERYTHING,
-    METHODS,
-    OWN,
-    SURFACES,
-    USUAL,
-    Method,
-    find_method,
-    method_names,
-    methods_that,
-    never_penetrates,
-    surface_of,
-)
+from hhsim.solver.method import EVERYTHING, METHODS, OWN, SURFACES, Method, find_method, method_names, surface_of
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import OutsideEngine
 from hhsim.solver.workspace import TickWorkspace
@@ -70,17 +58,6 @@ def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
     for module in ("hhsim.cli.arguments.scene_options", "hhsim.cli.replay"):
         sys.modules.pop(module, None)
-
-
-def test_what_each_method_promises() -> None:
-    assert list(METHODS) == ["coupled", "progressive", "paper", "penalty"]
-    assert methods_that("never_penetrates") == ("coupled", "progressive")
-    assert methods_that("takes_threads") == ("progressive",)
-    assert methods_that("nearest_to_user") == ("coupled",)
-    assert not never_penetrates("paper") and not never_penetrates("nobody's")
-    for name, method in METHODS.items():
-        assert method.summary and method.defaults.keys() == USUAL.keys()
-        assert SolverOptions(method=name).margin == method.defaults["margin"]
 
 
 def test_a_method_is_added_by_one_entry(follow: None, run: Run, tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ from xml.etree import ElementTree as Xml
 
 import numpy as np
 import pytest
-from cut_scene import moved_hand
-from sampled import sampled
-from short_grasp import short_grasp, short_scene
+from conftest import sampled
+from short_grasp import moved_hand, short_grasp, short_scene
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError, InputError

@@ -1,21 +1,31 @@
-"""Tables: where a column has its values, how they are shown, what files say of units, and what they never replace."""
+"""Tables of figures: their columns, and what becomes of them in text, a terminal and HTML."""
 
 import csv
+import importlib
 import io
 import json
 import math
+import re
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from conftest import Terminal
+from hypothesis import given
+from hypothesis import strategies as st
+from report_reader import read_page
 
 from hhsim.errors import OutputError
 from hhsim.metrics.run.registry import run_metrics
 from hhsim.table.file import check_table_path, write_table
+from hhsim.table.html import environment, render
 from hhsim.table.table import (
     UNITS,
     Column,
+    Marked,
     Table,
     markdown_text,
     number,
@@ -152,3 +162,157 @@ def test_what_is_no_table_is_not_replaced(tmp_path: Path) -> None:
             write_table(tmp_path / name, "hard", COLUMNS, ROWS, OPTIONS)
     assert sorted(path.name for path in tmp_path.iterdir()) == before
     assert (tmp_path / "a.json").read_text() == "thesis"
+
+
+STYLE = render("report/style.css")
+NASTY = '</td><script>alert("x")</script>&amp; \' "'
+
+
+def filled(template: str, **values: Any) -> str:
+    """A template of a few words with values in it."""
+    return environment().from_string(template).render(values)
+
+
+def table(headings: list[str], rows: list[list[str]], *, cards: bool = False, title: str = "t") -> str:
+    """A table whose second column is of numbers."""
+    shown = Table.of_cells(headings, rows, title, numbers=headings[1:2])
+    return filled("{% from 'table/parts.html' import table %}{{ table(shown, cards) }}", shown=shown, cards=cards)
+
+
+@given(st.text())
+def test_text_comes_back_as_it_was(text: str) -> None:
+    page = filled('<p title="{{ text }}">{{ text }}</p>', text=text)
+    read = read_page(page).one("p")
+    # A reader of HTML sees every line end as "\n", and none of what no document may hold.
+    illegal = "[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff]"
+    plain = re.sub(illegal, "\N{REPLACEMENT CHARACTER}", text)
+    assert read.text == read.attributes["title"] == plain
+    assert page.count("<") == 2 and page.encode().decode() == page
+
+
+@given(st.lists(st.lists(st.text(max_size=8), min_size=2, max_size=2), max_size=4), st.text(max_size=12))
+def test_a_table_holds_the_cells_that_it_is_given(rows: list[list[str]], caption: str) -> None:
+    found = read_page(table(["one", "two"], rows, title=caption))
+    assert found.rows("")[0] == ["one", "two"]
+    assert found.rows("")[1:] == [[read_page(filled("<p>{{ c }}</p>", c=c)).one("p").text for c in row] for row in rows]
+    assert [cell.attributes["scope"] for cell in found.all("th")] == ["col", "col"] + ["row"] * len(rows)
+    assert all(cell.attributes.get("class") == "number" for cell in found.all("td"))
+
+
+def test_a_marked_cell_has_its_mood_and_the_words_below_it() -> None:
+    found = read_page(table(["a", "b"], [["x", Marked("1.5", "bad", NASTY)], ["y", Marked("2")]]))
+    assert (found.one("b").text, found.one("b").attributes["class"]) == ("1.5", "bad")
+    assert found.one("small").text == NASTY
+    assert [cell.text for cell in found.all("td")] == [f"1.5 {NASTY}", "2"]
+
+
+def test_a_page_says_what_it_is_and_asks_nobody() -> None:
+    found = read_page(render("report/page.html", title="T & T", generator="hhsim report", version="1"))
+    assert found.one("html").attributes["lang"] == "en"
+    assert found.one("title").text == "T & T"
+    each = [meta.attributes for meta in found.all("meta")]
+    metas = {meta.get("name") or meta.get("http-equiv"): meta for meta in each}
+    assert metas["viewport"]["content"] == "width=device-width, initial-scale=1"
+    assert metas["generator"]["content"] == "hhsim report 1"
+    assert "default-src 'none'" in str(metas["Content-Security-Policy"]["content"])
+    assert not found.all("script")
+
+
+def luminance(color: str) -> float:
+    """Relative luminance of WCAG 2.1."""
+    values = [int(color[i : i + 2], 16) / 255 for i in (1, 3, 5)]
+    red, green, blue = (v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in values)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+SCHEMES = [dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", block)) for block in re.findall(r"(?s):root \{(.*?)\}", STYLE)]
+
+
+@pytest.mark.parametrize("colors", SCHEMES, ids=["light", "dark", "paper"])
+def test_text_has_contrast_in_every_scheme(colors: dict[str, str]) -> None:
+    colors = {**SCHEMES[0], **colors}
+    for name in ("ink", "soft", "link", "good", "bad", "note"):
+        for ground in ("paper", "band"):
+            dark, light = sorted(luminance(colors[which]) + 0.05 for which in (name, ground))
+            assert light / dark >= 4.5, f"{name} on {ground}"
+
+
+def test_the_style_asks_for_nothing_from_outside() -> None:
+    assert not any(mark in STYLE for mark in ("url(", "@import", "<"))
+
+
+console = importlib.import_module("hhsim.cli.console")
+
+WIDE = ("figure", "hhsim", "unit", "paper")
+WIDE_ROWS = [
+    ("force variation in the hold, trembling hand, mean", "1,234.0570", "% of hold", "310 to ≈ 1,000"),
+    ("stuck ticks", "0", "", ""),
+]
+
+
+def in_terminal(monkeypatch: pytest.MonkeyPatch, width: int, table: Table) -> str:
+    """A table as a terminal of a width has it."""
+    terminal = Terminal()
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", terminal)
+        patched.setenv("TERM", "xterm")
+        patched.setenv("COLUMNS", str(width))
+        console.print_table(table)
+    return re.sub(r"\x1b\[[0-9;]*m", "", terminal.getvalue())
+
+
+@pytest.mark.parametrize("width", [20, 30, 40, 60, 80, 100, 160])
+def test_no_number_is_broken_and_no_line_too_long(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = replace(Table.of_cells(WIDE, WIDE_ROWS, numbers=("hhsim", "paper")), optional=("paper",))
+    text = in_terminal(monkeypatch, width, table)
+    assert "1,234.0570" in text
+    assert ("310 to ≈ 1,000" in text) == (width >= 60)
+    assert all(len(line) <= max(width, 26) for line in text.splitlines())
+    for word in ["force", "variation", "in", "the", "hold,", "trembling", "hand,", "mean"]:
+        assert word in text, "no word is broken either"
+
+
+def test_a_row_that_would_be_many_lines_is_a_card(monkeypatch: pytest.MonkeyPatch) -> None:
+    long = "what it stresses, at length, " * 12
+    rows = [("cube", long, "3", ""), ("cup", long, "4", "x")]
+    lines = in_terminal(monkeypatch, 40, Table.of_cells(("name", "stresses", "level", "note"), rows)).splitlines()
+    assert lines[0] == "cube" and lines.count("") == 1
+    assert lines[lines.index("") + 1] == "cup"
+    assert "  level     3" in lines
+    assert sum(line.startswith("  note") for line in lines) == 1, "an empty cell has no line"
+    assert all(len(line) <= 40 for line in lines)
+
+
+@pytest.mark.parametrize("word", ["", "1"])
+def test_no_color_is_heeded(word: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    for name, value in {"TERM": "xterm-256color", "COLORTERM": "truecolor", "NO_COLOR": word}.items():
+        monkeypatch.setenv(name, value)
+    with console.progress(quiet=False) as report:
+        report("ticks", 1, 2)
+    coloured = re.findall(r"\x1b\[(?:[\d;]*;)?(?:[349]\d|10\d)[\d;]*m", terminal.getvalue())
+    assert "ticks" in terminal.getvalue() and bool(coloured) == (word == "")
+
+
+def test_a_pipe_gets_a_line_of_progress_from_time_to_time(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "SILENCE", 0.01)
+    with console.progress(quiet=True) as report:
+        report("ticks", 1, 2)
+    with console.progress(quiet=False) as report:
+        # The first line is there before anything is reported.
+        while not (text := capsys.readouterr().err):
+            pass
+        report("ticks", 1_000, 2_000)
+        while "ticks" not in (later := capsys.readouterr().err):
+            pass
+    assert re.fullmatch(r"(hhsim: getting ready, 0 s\n)+", text)
+    assert "hhsim: ticks: 1,000 of 2,000, 0 s\n" in later
+
+
+def test_a_pipe_has_no_width(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "30")
+    console.print_table(Table.of_cells(WIDE, WIDE_ROWS, numbers=("hhsim",)))
+    assert len(capsys.readouterr().out.splitlines()) == 4

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sampled import sampled
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
@@ -63,38 +63,25 @@ def assert_sound(tree: SphereTree, mesh: Mesh) -> None:
         assert tree.errors[level].gap_max == 0.0
 
 
-@pytest.mark.parametrize(
-    ("name", "level"),
-    sampled(
-        [(name, level) for name in SHAPES for level in (1, 2)],
-        lambda _, case: case in [("box", 2), ("needle", 1), ("torus", 1)],
-    ),
-)
-def test_levels_cover_and_enclose(name: str, level: int) -> None:
-    mesh = mesh_of(SHAPES[name])
-    tree = build_sphere_tree(mesh, TreeOptions(level=level))
+ASKED = [(name, {"level": level}) for name in SHAPES for level in (1, 2)]
+ASKED += [(name, {"leaves": leaves}) for name in ("box", "plate", "torus") for leaves in (1, 3, 20, 64)]
+ASKED_OFTEN = [("box", {"level": 2}), ("needle", {"level": 1}), ("torus", {"level": 1}), ("box", {"leaves": 1})]
+
+
+@pytest.mark.parametrize(("name", "asked"), sampled(ASKED, lambda _, case: case in ASKED_OFTEN), ids=str)
+def test_levels_cover_and_enclose(name: str, asked: dict[str, int]) -> None:
+    mesh, options = mesh_of(SHAPES[name]), TreeOptions(**asked)
+    tree = build_sphere_tree(mesh, options)
     assert_sound(tree, mesh)
-    assert tree.depth == level
-    assert 0.5 * 8**level < tree.leaf_count <= 8**level
-    assert np.bincount(tree.parent[1:]).max() <= 8
+    if "level" in asked:
+        assert tree.depth == options.level and 0.5 * 8**options.level < tree.leaf_count <= 8**options.level
+    else:
+        assert 1 <= tree.leaf_count <= asked["leaves"]
+    assert np.bincount(tree.parent[1:], minlength=1).max() <= 8
     assert tree.mesh_sha256 == mesh.sha256
-    assert dict(tree.options) == TreeOptions(level=level).recorded()
+    assert dict(tree.options) == options.recorded()
     assert [error.spheres for error in tree.errors] == [len(cover.radius) for cover in tree.covers]
-
-
-@pytest.mark.parametrize(
-    ("name", "leaves"),
-    sampled(
-        [(name, leaves) for name in ("box", "plate", "torus") for leaves in (1, 3, 20, 64)],
-        lambda _, case: case in [("box", 1), ("torus", 3)],
-    ),
-)
-def test_as_few_leaves_as_are_asked_for_cover_and_enclose(name: str, leaves: int) -> None:
-    mesh = mesh_of(SHAPES[name])
-    tree = build_sphere_tree(mesh, TreeOptions(leaves=leaves))
-    assert_sound(tree, mesh)
-    assert 1 <= tree.leaf_count <= leaves
-    if (name, leaves) == ("box", 1):
+    if asked == {"leaves": 1} and name == "box":
         # About a cube of 0.1 m, whose corners are √3 times as far from its middle as its faces.
         assert tree.errors[-1].bound == pytest.approx(0.05 * (np.sqrt(3.0) - 1.0), rel=0.01)
 

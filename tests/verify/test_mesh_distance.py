@@ -3,20 +3,18 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from corrupted_meshes import corrupted
 from hypothesis import example, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from planted_faults import described_grasp, failing, planted, verdict
-from sampled import sampled
-from short_grasp import short_grasp, short_result
+from planted_faults import described_grasp, failing, verdict
+from short_grasp import short_grasp
 from trimesh.triangles import closest_point
 
-from hhsim.arrays import IntArray
 from hhsim.errors import HhsimError, MeshError
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
@@ -37,9 +35,7 @@ from hhsim.trees.triangle_tree import tree_of_any
 from hhsim.verify.claim import HOLDS
 from hhsim.verify.contacts import PALM, RoundCones, ready_triangles
 from hhsim.verify.depth_checks import EXACT, coal_distance, has_coal
-from hhsim.verify.force_checks import force_claims
 from hhsim.verify.mesh_distance import TrueSurface
-from hhsim.verify.tick_data import JudgedTicks
 from hhsim.verify.verify import verify
 from tools import tree_checks
 from tools.tree_checks import Verdict, referee, sticking_out
@@ -170,34 +166,6 @@ def from_segment(point: Points, a: Points, b: Points) -> float:
 @pytest.fixture(scope="module")
 def on_mesh(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return described_grasp(tmp_path_factory.mktemp("mesh"), surface="mesh")
-
-
-@pytest.mark.soak
-def test_what_a_settled_tick_rolled_off_an_edge_bears_its_force(tmp_path: Path) -> None:
-    result = short_result(tmp_path / "short.h5", object_name="rock", surface="mesh")
-
-    def off_and_loaded(judge: JudgedTicks) -> IntArray:
-        loaded = np.linalg.norm(judge.forces, axis=2) > 0.1
-        off = loaded & (judge.nearest > 1.1 * judge.touch)
-        return np.flatnonzero((judge.status == 0) & off.any(axis=1))
-
-    judge = JudgedTicks(result)
-    ticks = off_and_loaded(judge)
-    assert ticks.size > 0 and not any(claim.failed for claim in force_claims(judge))
-    # A hand at rest has to touch, as it did.
-    assert (judge.bearing_within[-1] == judge.touch).all()
-    assert judge.bearing_within[:, :PALM].max() < 2.5 * judge.touch
-
-    def stood_still(file: h5py.File) -> None:
-        for name in file["hands/right/tick/graphic"]:
-            values = file[f"hands/right/tick/graphic/{name}"]
-            values[ticks[0] - 1] = values[ticks[0]]
-
-    still = JudgedTicks(planted(result.path, tmp_path, stood_still), ticks[:1])
-    assert {"complementarity"} <= {claim.name for claim in force_claims(still) if claim.failed}
-    # It is the second order of the last step: there is none of it where that is shorter.
-    finer = short_result(tmp_path / "finer.h5", object_name="rock", surface="mesh", step_tolerance=2e-5)
-    assert off_and_loaded(JudgedTicks(finer)).size == 0
 
 
 def test_an_honest_result_on_the_mesh_holds_in_every_claim(on_mesh: Result) -> None:

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -11,10 +12,10 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from driven_scenes import swung_result
+from file_faults import changed
+from PIL import Image
 from rerun_files import SETTINGS, Recording, listening
-from sealed_change import changed
-from short_grasp import short_grasp, short_result, short_scene
+from short_grasp import short_grasp, short_result, short_scene, swung_result
 
 from hhsim.errors import InputError, OutputError
 from hhsim.hand.fingers import FINGERS, PHALANX_NAMES
@@ -22,7 +23,8 @@ from hhsim.hand.model import HandModel
 from hhsim.render.triangle_soup import piece_poses
 from hhsim.result.reader import Result, load_result
 from hhsim.result.writer import add_skin
-from hhsim.view import sink
+from hhsim.view import film, sink
+from hhsim.view.film import FPS, check_video_path, video_frames, video_ticks, write_video
 from hhsim.view.plots import CONTACTS, DEPTH, FORCE, RESULT_PLOTS, TIME, VARIATION
 from hhsim.view.scene_log import FORCE_LENGTH, NORMAL_LENGTH, moment
 from hhsim.view.sink import check_target, parse_target, viewer_program
@@ -383,3 +385,93 @@ def test_rerun_gets_the_skin_of_each_shown_tick(skinned: Result, tmp_path: Path)
     # A ball's normals lead away from its middle, as nearly as its triangles are.
     away = BALL.vertices / np.linalg.norm(BALL.vertices, axis=1, keepdims=True)
     assert (np.einsum("tvi,vi->tv", normals, away) > np.cos(np.radians(1.0))).all()
+
+
+SMALL = 160
+"""Width of a small film [pixels]."""
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("replay") / "short.h5")
+
+
+@pytest.mark.parametrize("slow", [1.0, 2.0, 0.5, 7.3])
+def test_a_frame_shows_the_newest_tick_at_its_time(filmed: Result, slow: float) -> None:
+    ticks = video_ticks(filmed, slow)
+    times = np.arange(len(ticks) - 1) / (FPS * slow)
+    expected = [max(t for t in range(filmed.ticks) if t / filmed.rate <= time + 1e-12) for time in times]
+    assert ticks[:-1].tolist() == expected
+    assert ticks[-1] == filmed.ticks - 1
+    assert (np.diff(ticks) >= 0).all()
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+@pytest.mark.quick(".gif")
+def test_an_animation_has_its_frames_and_its_speed(suffix: str, filmed: Result, tmp_path: Path) -> None:
+    path = tmp_path / f"film{suffix}"
+    seen: list[tuple[int, int]] = []
+    frames = write_video(filmed, path, 2.0, SMALL, lambda what, done, count: seen.append((done, count)))
+    assert frames == len(video_ticks(filmed, 2.0))
+    assert seen == [(number, frames) for number in range(frames)]
+    with Image.open(path) as shown:
+        assert (getattr(shown, "n_frames"), shown.size) == (frames, (160, 120))  # noqa: B009
+        assert shown.info["loop"] == 0
+        first = np.asarray(shown.convert("RGB")).astype(int)
+        shown.seek(frames - 1)
+        shown.load()
+        assert shown.info["duration"] == 40
+        last = np.asarray(shown.convert("RGB")).astype(int)
+    assert (np.abs(first - last).max(axis=2) > 60).mean() > 0.02, "nothing moves"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [path.name]
+
+
+def test_what_cannot_be_filmed_is_told_before_the_work(
+    filmed: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(OutputError, match="no folder"):
+        check_video_path(tmp_path / "nowhere" / "film.gif")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(InputError, match="needs the program ffmpeg"):
+        check_video_path(tmp_path / "film.mp4")
+    monkeypatch.setattr(film, "MOST_FRAMES", 3)
+    with pytest.raises(InputError, match="the most are 3"):
+        video_ticks(filmed, 1.0)
+
+
+@pytest.fixture
+def fake_ffmpeg(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A program of that name that keeps what it is given, or fails where a file says so."""
+    folder = tmp_path_factory.mktemp("bin")
+    program = folder / "ffmpeg"
+    program.write_text(
+        f'#!/bin/sh\nfor last; do :; done\n[ -e {folder}/fail ] && echo "no codec" >&2 && exit 1\ncat > "$last"\n'
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    yield folder
+
+
+def test_ffmpeg_gets_every_frame_whole(filmed: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
+    frames = write_video(filmed, tmp_path / "film.mp4", width=SMALL)
+    expected = b"".join(frame.tobytes() for frame in video_frames(filmed, video_ticks(filmed, 1.0), SMALL))
+    assert (tmp_path / "film.mp4").read_bytes() == expected
+    assert len(expected) == frames * 120 * 160 * 3
+
+
+def test_an_ffmpeg_that_fails_leaves_nothing(filmed: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
+    (fake_ffmpeg / "fail").touch()
+    (tmp_path / "film.mp4").write_bytes(b"older")
+    with pytest.raises(OutputError, match=r"ffmpeg cannot write .*no codec"):
+        write_video(filmed, tmp_path / "film.mp4", width=SMALL)
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("film.mp4", b"older")]
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None, reason="no ffmpeg")
+def test_an_mp4_plays(filmed: Result, tmp_path: Path) -> None:
+    frames = write_video(filmed, tmp_path / "film.mp4", width=SMALL)
+    command = ["ffprobe", "-v", "error", "-count_frames", "-show_entries", "stream=width,height,nb_read_frames"]
+    answer = subprocess.run(
+        [*command, "-of", "csv=p=0", tmp_path / "film.mp4"], capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.strip() == f"160,120,{frames}"

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 
-from hhsim.bench.paper.run import Scenario, check_holds, paper_scenarios
+from hhsim.bench.paper.run import check_holds, paper_scenarios
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
@@ -45,28 +45,6 @@ def object_tree(name: str, level: int) -> SphereTree:
 @cache
 def motion_of(object_name: str, motion: str, level: int) -> Trajectory:
     return synthesize(load_script(motion), HAND, object_tree(object_name, level))
-
-
-def figure(name: str) -> list[Scenario]:
-    return [scenario for scenario in paper_scenarios() if scenario.figure == name]
-
-
-def test_figure_11_is_five_objects_and_three_behaviours() -> None:
-    assert [s.object_name for s in figure("11")] == [name for name in SIMPLE for _ in range(3)]
-    for k, (motion, parts) in enumerate((("touch", 1), ("pinch", 2), ("whole-hand", 6))):
-        assert [s.motion for s in figure("11")[k::3]] == [motion] * 5
-        assert len(load_script(motion).hold_touches[0]) == parts
-
-
-def test_figure_15_is_four_cases_a_hundred_times_on_each_complex_object() -> None:
-    assert [(s.object_name, s.case) for s in figure("15")] == [
-        (name, case) for name in COMPLEX for case in ("SF", "TF", "FF", "WH")
-    ]
-    assert {s.instances for s in figure("15")} == {100}
-    for case, count in {"SF": 1, "TF": 2, "FF": 5, "WH": 5}.items():
-        (motion,) = {s.motion for s in figure("15") if s.case == case}
-        assert len(load_script(motion).fingers) == count
-        assert (load_script(motion).palm_depth > 0.0) == (case == "WH")
 
 
 @pytest.mark.parametrize(("object_name", "motion", "level"), AT_LEVELS)

@@ -6,8 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
+from conftest import sampled
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from referee_clearance import referee_clearance
-from sampled import sampled
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.figures import placed_of
@@ -15,9 +17,12 @@ from hhsim.bench.robustness.case import DEEPEST, HardCase, HardRun, Outcome, own
 from hhsim.bench.robustness.contact_cases import SLIDE
 from hhsim.bench.robustness.input_cases import LOOP
 from hhsim.bench.robustness.objects import INDEX, crossings, threaded
+from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.suites.hard import common_figures, hard_cases, run_scenes
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.configuration import HandConfiguration, sequence
+from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import WORK_TOUCHING
+from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.options import SolverOptions
 
 pytestmark = pytest.mark.slow
@@ -179,3 +184,42 @@ def test_a_finger_is_in_a_ring_or_it_is_not() -> None:
     # In and out again is not in.
     bent = np.array([[[0.0, -0.05, 0.0], [0.0, 0.01, 0.0], [0.001, 0.02, 0.0], [0.002, -0.05, 0.0]]])
     assert not threaded(bent, center, axis, 0.01)[0]
+
+
+HAND = HandModel.default()
+
+
+def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
+    return all(a.tobytes() == b.tobytes() for a, b in zip(one, other))
+
+
+@given(st.lists(st.integers(0, 150), min_size=1, max_size=8), st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
+@example([0, 1], 0, False, False)
+@settings(max_examples=25)
+def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, jumps: bool) -> None:
+    options = StressOptions(wild=wild, jumps=jumps, hold=25)
+    targets = RandomTargets(HAND, seed, options)
+    pieces = [targets.take(size) for size in sizes]
+    assert [piece.ticks for piece in pieces] == sizes
+    assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
+
+
+def test_the_wild_mode_does_what_broken_devices_do() -> None:
+    motion = RandomTargets(HAND, 1, StressOptions(wild=True)).take(60_000)
+    finite = [np.isfinite(values.reshape(motion.ticks, -1)).all(axis=1) for values in motion]
+    assert all(30 < (~field).sum() < 3000 for field in finite), "every field is lost at times, and seldom"
+    sound = np.all(finite, axis=0) & (np.abs(motion.orientation) < 1e6).all(axis=1)
+    length = np.linalg.norm(motion.orientation[sound], axis=1)
+    assert (length == 0.0).sum() > 100
+    assert length[length > 0.0].min() < 0.01 and length.max() > 10.0
+    readings = hold_readings(motion)
+    assert all(np.isfinite(values).all() for values in readings)
+    away = np.linalg.norm(readings.position, axis=1)
+    assert ((away > 0.3) & (away < 0.9)).sum() > 500, "teleports"
+    assert ((away > 5.0) & (away < 100.0)).sum() > 50
+    assert (readings.flexion > HAND.flexion_max + 1.0).any() and (readings.flexion < HAND.flexion_min - 1.0).any()
+    assert (np.abs(readings.abduction) > 1.5).any()
+    unit = readings.orientation / np.linalg.norm(readings.orientation, axis=1, keepdims=True)
+    turned = (unit[1:] * unit[:-1]).sum(axis=1)
+    assert (turned < -0.9).sum() > 500, "signs flip"
+    assert (np.abs(turned) < 0.5).sum() > 500, "it spins"

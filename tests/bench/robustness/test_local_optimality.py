@@ -1,44 +1,33 @@
 """The judge of stuck ticks: it finds a way where there is one, and none at an optimum."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from referee_clearance import referee_clearance
-from sampled import sampled
+from conftest import sampled
 from sphere_scenes import bumpy_ball
 
-from hhsim.bench.robustness.objects import INDEX, POINTING, joined_mesh, roof_mesh, sheet_mesh
+from hhsim.bench.robustness.objects import roof_mesh, sheet_mesh
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import _moved, distance_rows, pairs_near, pieces_of, way_out
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.catalogue import load_object
-from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import UNBOUNDED, SolverOptions, Stiffness
+from hhsim.solver.options import UNBOUNDED, SolverOptions
 from hhsim.trees.contact_surface import contact_surface
-from hhsim.verify.contacts import PALM, Pieces
+from hhsim.verify.contacts import PALM
 
 pytestmark = pytest.mark.slow
 
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
 OPTIONS = SolverOptions()
-ON_MESH = SolverOptions(surface="mesh")
-CLEAR = 5e-7
-"""What a contact keeps clear [m]."""
 
 
 FLOOR = sheet_mesh(0.6, 0.6)
 """The plane z = 0, of two triangles."""
-PLACES = np.arange(-0.2, 0.2, 0.008)
-FINE = joined_mesh([sheet_mesh(0.008, 0.008).transformed(np.eye(3), (x, y, 0.0)) for x in PLACES for y in PLACES])
-"""A plane of many triangles."""
 
 
 @pytest.mark.parametrize(("surface", "height"), [("spheres", 0.07), ("mesh", 0.03)])
@@ -97,53 +86,6 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
         moving += int(way_out(HAND, pieces, options, rest, next_goal) > 0.0)
     assert touching > holds // 2 - 1
     assert moving == holds - 1
-
-
-def resting(mesh: Mesh, start: HandConfiguration, way: tuple[float, float, float]) -> tuple[HandConfiguration, Pieces]:
-    """The hand moved along `way`, a direction, until it is `CLEAR` of the triangles: no farther at once than it is."""
-    hand, gap = start, np.inf
-    # Coal's distances are good to 10 nm.
-    while gap > 2e-8:
-        gap = referee_clearance(HAND, mesh, forward_kinematics(HAND, *hand)) - CLEAR
-        assert gap > -2e-8
-        hand = hand._replace(position=hand.position + max(gap, 0.0) * np.array(way))
-    return hand, pieces_of("mesh", mesh, None)
-
-
-DOWN = (0.0, 0.0, -1.0)
-STIFF = replace(ON_MESH, stiffness=Stiffness(rotation=1e9, flexion=1e9))
-"""Of a hand whose rotation and joints are too stiff to yield."""
-
-
-def towards(
-    hand: HandConfiguration, pieces: Pieces, way: tuple[float, float, float], options: SolverOptions = STIFF
-) -> float:
-    goal = hand._replace(position=hand.position + way)
-    return way_out(HAND, pieces, options, hand, goal)
-
-
-@pytest.mark.parametrize("mesh", [FLOOR, FINE])
-def test_on_a_plane_straight_down_is_no_way_and_obliquely_is_one(mesh: Mesh) -> None:
-    # The edges of many triangles are all around the contact: none of them is in the way of sliding.
-    hand, pieces = resting(mesh, still((0.001, 0.0007, 0.2)), DOWN)
-    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
-    for way in ((0.02, 0.01, -0.02), (-0.01, 0.01, -0.02), (0.0, -0.02, 0.0)):
-        assert towards(hand, pieces, way) > 0.0, way
-    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
-
-
-def test_a_finger_across_a_ridge_goes_along_it_and_off_it_and_not_through() -> None:
-    joints = HAND.joints(np.zeros(3), quaternion(np.zeros(3)), POINTING, np.zeros(5))[INDEX]
-    middle = 0.5 * (joints[1] + joints[2])
-    above = still(np.array([0.0, 0.0, 0.05]) - middle, flexion=POINTING)
-    hand, pieces = resting(roof_mesh(0.3, 0.01, 0.05), above, DOWN)
-    placed = forward_kinematics(HAND, *hand).joints[0, INDEX]
-    # It is the axis that is at the edge, and neither end of it.
-    assert placed[1, 1] < -0.005 and placed[2, 1] > 0.005
-    assert towards(hand, pieces, (0.0, 0.0, -0.02)) == 0.0
-    assert towards(hand, pieces, (0.02, 0.0, 0.0)) > 0.0
-    assert towards(hand, pieces, (0.0, 0.02, -0.02)) > 0.0
-    assert towards(hand, pieces, (0.0, 0.0, 0.02)) == 1.0
 
 
 def test_what_an_object_does_not_have_is_refused() -> None:

@@ -111,35 +111,6 @@ def test_forces_of_all_methods_have_one_scale_and_a_picture_has_its_note(
         assert not box.overlaps(beside), (one, other)
 
 
-@pytest.mark.soak
-def test_pictures_show_paper_beside_coupled_and_forces_in_red(
-    runs: PaperRuns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(paper_figures, "TILE", 40)
-    monkeypatch.setattr(paper_figures, "KINDS", (".png",))
-    monkeypatch.setattr(paper_figures, "ELEVATIONS", (10.0,))
-    monkeypatch.setattr("hhsim.render.viewpoint.POINTS", 500)
-    monkeypatch.setattr("hhsim.render.viewpoint.AZIMUTHS", (0, 90))
-    drawn: list[tuple[str, str, int]] = []
-    draw = paper_figures.draw_scene
-
-    def spy(axes: Any, run: Any, *given: Any) -> None:
-        draw(axes, run, *given)
-        forces = given[4] if len(given) > 4 else ()
-        image = np.asarray(axes.get_images()[0].get_array())
-        red = (image[:, :, 0] > 2.0 * image[:, :, 1:].max(axis=2)).any()
-        assert red == (len(forces) > 0)
-        drawn.append((run.scenario.figure, run.options.method, len(forces)))
-
-    monkeypatch.setattr(paper_figures, "draw_scene", spy)
-    some = [run for run in runs if not run.case and run.scenario.motion in ("touch", "ear-to-ear")]
-    paper_figures.draw_all(tmp_path, PaperRuns(some))
-    pairs = [method for figure, method, _ in drawn if figure == "11"]
-    assert pairs == ["paper", "coupled"]
-    pushed = [one for one in drawn if one[0] == "14"]
-    assert len(pushed) == 2 * 3 and all(count > 0 for _, _, count in pushed)
-
-
 def test_coupled_stays_out_and_touches_what_the_scenes_name(runs: PaperRuns) -> None:
     assert row(runs, "depth")["ours"] <= 1e-6
     assert row(runs, "touches")["ours"] == 0.0

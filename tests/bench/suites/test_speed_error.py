@@ -6,15 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawings_alone import trade_offs_undrawn
-from referee_clearance import referee_clearance
 
 from hhsim.bench.suite import run_cells
 from hhsim.bench.suites.speed_error import DEFAULT_LEVEL, NO_LEVEL, SpeedError, is_default
-from hhsim.bench.trade_off import Run, Way, draw_trade_off, placed_at
-from hhsim.result.reader import Result
+from hhsim.bench.trade_off import Run, draw_trade_off
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
-from hhsim.system.progress import silent
 from hhsim.table.file import ALL
 
 pytestmark = pytest.mark.slow
@@ -65,25 +62,6 @@ def test_every_way_runs_on_every_scene(small: list[Run]) -> None:
     assert other.figures["off_optimum_mean"] == pytest.approx(ours.figures["off_optimum_mean"], abs=1e-4)
     assert mesh.figures["off_optimum_mean"] < 1e-6 < 1e-3 < coarse.figures["off_optimum_mean"]
     assert mesh.figures["mesh_error"] < 2e-6 < 1e-3 < coarse.figures["mesh_error"], "its spheres are off the mesh"
-
-
-def test_a_hand_inside_the_mesh_is_told_by_how_much() -> None:
-    cell = replace(SMALL, levels=(1,), surfaces=("spheres",), backends=()).cells(silent)[0]
-    found: list[tuple[float, float]] = []
-
-    def deeper(result: Result) -> dict[str, float]:
-        # Brute force over the triangles; the paper's method is in the spheres, and these reach out of the mesh.
-        placed = placed_at(result, np.flatnonzero(cell.stage.contact))
-        figures = cell.errors(result)
-        found.append((figures["mesh_depth_max"], -referee_clearance(cell.stage.hand, cell.stage.mesh, placed)))
-        return figures
-
-    soft = replace(SolverOptions().stiffness, contact=20.0)
-    sunk = replace(cell, errors=deeper, way=Way(SolverOptions(method="penalty", stiffness=soft)))
-    run = SMALL.run(sunk, None)
-    assert run.failure == ""
-    ((told, exact),) = found
-    assert told == pytest.approx(max(0.0, exact), abs=1e-5)
 
 
 def test_a_row_of_the_command_names_who_is_beaten_by_none(small: list[Run]) -> None:

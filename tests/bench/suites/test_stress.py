@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sampled import sampled
+from conftest import sampled
 from sphere_scenes import bumpy_ball, record_clearance
 
 from hhsim.bench.robustness.objects import ball_mesh

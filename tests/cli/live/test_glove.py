@@ -1,10 +1,15 @@
-"""`hhsim live glove` as its users meet it."""
+"""hhsim live glove: sessions as users run them, the keys that they type, and what is told at the end."""
 
 import contextlib
+import importlib
 import json
+import os
 import signal
 import subprocess
+import sys
 import termios
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +18,21 @@ from conftest import Run
 from live_peers import PATIENCE, until
 from machine_share import Late, keeps_time
 from own_command import HHSIM, Terminal
+from short_grasp import short_grasp, short_result
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.gate.gate import gate_result
 from hhsim.hand.model import HandModel
+from hhsim.live.device import DeviceCounters
 from hhsim.live.session.setup import palm_place
+from hhsim.live.session.statistics import LiveTally
+from hhsim.live.session.supervisor import SessionOutcome
 from hhsim.mesh.catalogue import load_object
-from hhsim.metrics.session_faults import broken_off, ended_before_its_time
+from hhsim.metrics.session_faults import FaultCounts, broken_off, ended_before_its_time
+from hhsim.replay.repeat import run_again
 from hhsim.replay.stored_scene import stored_hand
-from hhsim.result.reader import load_hand, load_result
+from hhsim.result.reader import Result, load_hand, load_result
+from hhsim.result.schema import FAULT, WARNING
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from tools.shapes.generators import cube
@@ -70,6 +81,8 @@ def test_two_simulated_gloves_are_one_document_and_one_file(run: Run, tmp_path: 
         assert result.complete and result.ticks == hand["recorded_ticks"] > 0
         assert (result.scene["hand"]["side"], result.scene["trajectory"]) == (side, motion)
         assert broken_off(result) == "" and ended_before_its_time(result) == ""
+        np.testing.assert_array_equal(np.diff(result["live/tick/period"]), 1 + result["live/tick/missed"][1:])
+    assert run_again(whole).identical
 
 
 @pytest.mark.parametrize(
@@ -151,3 +164,142 @@ def test_a_palm_at_an_object_that_no_hand_can_grasp_is_above_it(monkeypatch: pyt
     top = float((tree.leaf_center[:, 2] + tree.leaf_radius).max())
     assert position[2] == pytest.approx(top + 0.07)
     assert orientation.tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
+summary = importlib.import_module("hhsim.cli.live.summary")
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    return short_result(tmp_path_factory.mktemp("session") / "session.h5", short_grasp(release=0.05))
+
+
+def ended(record: Path | None, failed: str = "") -> SessionOutcome:
+    recorded = 250 if record is not None else 0
+    return SessionOutcome("duration", 0.25, 250, 0, LiveTally(), {}, DeviceCounters(), record, recorded, 0, failed)
+
+
+def table(outcome: SessionOutcome) -> list[tuple[str, str, str]]:
+    rows: list[tuple[str, str, str]] = summary.summary_rows(outcome, summary.judged(outcome)[1])
+    return rows
+
+
+def test_the_table_says_how_deep_the_recorded_hand_is(recording: Result) -> None:
+    outcome = ended(recording.path)
+    rows = {label: (shown, unit) for label, shown, unit in table(outcome)}
+    assert rows["penetration in the recording, max"] == ("0.000", "µm")
+    assert summary.summary_json(outcome)["penetration_max"] < 1e-9
+
+
+@pytest.mark.parametrize(("recorded", "failed"), [(False, ""), (True, "the disk is full")])
+def test_without_a_whole_recording_there_is_no_such_line(recording: Result, recorded: bool, failed: str) -> None:
+    outcome = ended(recording.path if recorded else None, failed)
+    assert not [label for label, _, _ in table(outcome) if "in the recording" in label]
+    assert summary.summary_json(outcome)["penetration_max"] is None
+
+
+@pytest.mark.parametrize(
+    ("recorded", "failed", "handless"),
+    [(6, "", "3"), (9, "", None), (6, "the recording stopped: the disk is full", None)],
+)
+def test_every_tick_is_recorded_lost_or_had_no_hand(
+    recorded: int, failed: str, handless: str | None, tmp_path: Path
+) -> None:
+    outcome = replace(ended(tmp_path / "none.h5", failed), ticks=10, recorded=recorded, record_lost=1)
+    rows = {label: value for label, value, _ in table(outcome)}
+    assert rows["ticks recorded, lost"] == f"{recorded}, 1"
+    assert rows.get("ticks without a hand, not recorded") == handless
+
+
+def test_the_end_says_in_a_line_what_went_wrong(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = replace(
+        ended(None),
+        counters=DeviceCounters(frames=60, malformed=2),
+        notices=[(0.1, WARNING, "late"), (0.2, FAULT, "the glove is gone")],
+    )
+    outcome.tally.ticks, outcome.tally.freed = 250, 10
+    assert summary.judged(outcome)[0] == FaultCounts(0, 1, 2, 60, 10, 250)
+    summary.print_summary(outcome, "a session")
+    assert summary.judged(outcome)[0].line in capsys.readouterr().out.splitlines()
+    assert summary.summary_json(outcome)["freed_share"] == 4.0
+    # Of a loop that was killed nobody may have told.
+    assert summary.judged(replace(outcome, notices=[], loop_failed="SIGKILL"))[0][:2] == (1, 1)
+
+
+PROGRAM = """
+import os, signal, sys, time
+from hhsim.cli.live.session import terminal_keys
+from hhsim.live.processes import stop_signals
+with stop_signals() as stop_signal, terminal_keys() as read:
+    if read is None:
+        print("no terminal", flush=True)
+        sys.exit()
+    print("ready", flush=True)
+    while True:
+        keys = read()
+        if keys is None:
+            sys.exit(7)
+        if keys:
+            print(repr(keys), flush=True)
+        if "x" in keys:
+            raise RuntimeError("an error of the program")
+        if "e" in keys:
+            sys.exit(3)
+        if stop_signal():
+            print("stopped by", stop_signal(), flush=True)
+            break
+        time.sleep(0.005)
+"""
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    held = Terminal(sys.executable, "-c", PROGRAM)
+    held.until("ready")
+    assert termios.tcgetattr(held.line)[3] & (termios.ICANON | termios.ECHO) == 0
+    yield held
+    held.close()
+
+
+WAYS_OUT: dict[str, tuple[Callable[[Terminal], None], int]] = {
+    "Ctrl-C": (lambda terminal: terminal.type(b"\x03"), 0),
+    "Ctrl-Z": (lambda terminal: terminal.type(b"\x1a"), 0),
+    "Ctrl-backslash": (lambda terminal: terminal.type(b"\x1c"), 0),
+    "SIGTERM": (lambda terminal: terminal.process.send_signal(signal.SIGTERM), 0),
+    "SIGHUP": (lambda terminal: terminal.process.send_signal(signal.SIGHUP), 0),
+    "an exit": (lambda terminal: terminal.type(b"e"), 3),
+    "an error": (lambda terminal: terminal.type(b"x"), 1),
+}
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+@pytest.mark.quick("Ctrl-C", "an error")
+def test_the_terminal_is_as_it_was_on_every_way_out(terminal: Terminal, way: str) -> None:
+    leave, code = WAYS_OUT[way]
+    leave(terminal)
+    assert terminal.process.wait(PATIENCE) == code
+    assert termios.tcgetattr(terminal.line) == terminal.before
+    if code == 0:
+        terminal.until("stopped by ")
+
+
+def test_keys_come_at_once_and_arrows_are_no_escape(terminal: Terminal) -> None:
+    terminal.type(b"w")
+    terminal.until("'w'")
+    terminal.type(b"\x1b[A\x1b[1;5Ca\x1bOP")
+    terminal.until("'a'")
+    terminal.type("ü".encode())
+    assert "stopped by" not in terminal.until("'ü'")
+    assert terminal.process.poll() is None
+
+
+def test_a_terminal_that_is_gone_is_noticed(terminal: Terminal) -> None:
+    os.close(terminal.line)
+    os.close(terminal.end)
+    # The program is told by SIGHUP, or finds nothing more to read; what it prints then goes nowhere.
+    assert terminal.process.wait(PATIENCE) is not None
+
+
+def test_without_a_terminal_there_are_no_keys() -> None:
+    answer = subprocess.run([sys.executable, "-c", PROGRAM], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert (answer.returncode, answer.stdout) == (0, "no terminal\n")

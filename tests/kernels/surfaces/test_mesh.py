@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 import trimesh
+from conftest import sampled
 from contact_scenes import moved
 from mesh_oracle import Cones, along_axes, from_triangles, least_of_features, random_cones
-from sampled import sampled
 from sphere_scenes import PALM, palm_spheres, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray, IntArray

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sphere_scenes import (
     CURL,
@@ -26,7 +25,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions
-from hhsim.solver.qp import QpProblem, dense_problem, solve
+from hhsim.solver.qp import dense_problem, solve
 from hhsim.trees.sphere_tree import SphereTree
 
 RIGHT = HandModel.default("right")
@@ -172,41 +171,6 @@ def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
         solver.run(*motion.part(first, first + every))
         if first + every < ticks and prepared(solver, motion, first + every) > 0:
             yield solver
-
-
-def multipliers(solver: HandSolver, rows: NDArray[np.int64]) -> FloatArray:
-    """λ of each of these rows in the step that the solver proposes, shape (rows,)."""
-    world = engine_of(solver).world
-    whole = np.zeros(len(world.problem.rhs))
-    np.add.at(whole, world.loaded.row[: world.loaded.count], world.loaded.multiplier[: world.loaded.count])
-    found: FloatArray = whole[rows]
-    return found
-
-
-def optimum(problem: QpProblem, multiplier: FloatArray) -> FloatArray:
-    """The point that these multipliers hold: G (δ - δ*) = Aᵀ λ."""
-    return problem.target + problem.matrix.T @ multiplier / problem.stiffness
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-# An interior-point method ends near the vertex and not at it: to 1e-8 of the energy, and in a joint to more.
-@pytest.mark.parametrize(("backend", "exact"), [("quadprog", 1e-9), ("clarabel", 1e-7)])
-def test_another_solver_finds_the_same_optimum(backend: str, exact: float, seed: int) -> None:
-    programs, loaded = 0, 0
-    for solver in harvest("coupled", random_targets(RIGHT, TICKS, seed), 7):
-        assert solve_prepared(solver) == OPTIMAL
-        problem, rows = dense_problem(engine_of(solver).method)
-        multiplier = multipliers(solver, rows)
-        own = optimum(problem, multiplier)
-        theirs = solve(problem, backend)
-        assert theirs.status == "optimal", theirs.message
-        assert (multiplier >= 0.0).all()
-        np.testing.assert_allclose(own, theirs.x, rtol=1e-6, atol=exact)
-        assert problem.kkt_residual(own, multiplier) < 1e-8
-        programs += 1
-        loaded += bool(multiplier.any())
-    assert programs > 20
-    assert loaded > 10
 
 
 def joined(state: Any) -> list[int]:

@@ -233,10 +233,3 @@ def test_what_two_fingers_lose_slips_as_coulomb_says(torsion: float) -> None:
 
 def test_hand_object_and_table_bear_as_coulomb_says() -> None:
     assert sum(1 for program in grasped(0.2, 0.6, range(90, 240, 15)) if judge(program) >= 0.0) >= 3
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("mass", [0.02, 0.2])
-@pytest.mark.parametrize("friction", [0.2, 0.6])
-def test_so_they_do_with_other_masses_and_frictions(mass: float, friction: float) -> None:
-    assert len([judge(program) for program in grasped(mass, friction, range(90, 240, 5))]) >= 5

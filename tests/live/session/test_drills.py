@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import sampled
 from fake_gloves import FakeDexmo
 from live_drill import (
     IN_TIME,
@@ -42,7 +43,6 @@ from live_peers import free_ports
 from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
 from own_command import HHSIM
-from sampled import sampled
 
 from hhsim.hand.model import SIDES
 from hhsim.kernels.live.plausibility import TRUST
@@ -278,7 +278,6 @@ def test_disk_full(drill: Drill) -> None:
     assert not result.complete and result.ticks > ENOUGH
 
 
-@pytest.mark.soak
 def test_a_process_is_killed_that_ends_the_session(tmp_path: Path) -> None:
     with Drill(tmp_path) as drill:
         drill.grasp()

@@ -23,7 +23,7 @@ from hhsim.replay.repeat import run_again
 from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS
-from hhsim.scene.body import CLEARANCE, Fixed
+from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.scene import tree_maker
 from hhsim.solver.options import SolverOptions
@@ -152,12 +152,3 @@ def test_it_runs_again_bit_for_bit_and_every_claim_holds(beside_others: Result) 
     assert again.identical and again.ticks == beside_others.ticks
     assert "bodies/post/tick/position" in {array.name for array in again.arrays}
     assert verify(beside_others).passed
-
-
-@pytest.mark.soak
-def test_driven_bodies_stay_where_they_begin(tmp_path: Path) -> None:
-    bodies = load_object("laptop").with_trees(tree_maker(2))
-    scene = make_live_scene(bodies, HandModel.default(), configure(), PoseConfig(), None)
-    (body,) = scene.scene.solids
-    assert isinstance(body.motion, Fixed) and body.name == "laptop"
-    assert len(body.mesh.faces) == sum(len(mesh.faces) for mesh in bodies.meshes.values())

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from conftest import sampled
 from live_scripted import make_setup
-from sampled import sampled
 
 from hhsim.live.processes import Stage, write_setup
 from hhsim.live.session import supervisor

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import sampled
 from live_rings import ended
 from live_scripted import FakeAccounts, FakeClock, InStep
 from numpy.typing import NDArray
-from sampled import sampled
 
 from hhsim.errors import InputError
 from hhsim.hand.model import SIDES, HandModel

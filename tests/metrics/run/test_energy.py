@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import sampled
 from free_scenes import free_scene
-from sampled import sampled
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_LAG

@@ -20,41 +20,11 @@ from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
 from hhsim.recordings.column_map import JOINT_NAMES
 from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression, parse_calibration
-from hhsim.recordings.formats.bvh import finger_of, read_bvh, side_of
+from hhsim.recordings.formats.bvh import finger_of, side_of
 from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, corrected_arrays, poses_of, read_mano_model
 from hhsim.recordings.registry import Changes, Content, ReadOptions, format_of, read_recording
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
-
-
-def test_positions_are_those_of_a_chain_turned_by_hand() -> None:
-    text = """HIERARCHY
-ROOT a
-{
-  OFFSET 1 2 3
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT b
-  {
-    OFFSET 0 1 0
-    CHANNELS 3 Zrotation Xrotation Yrotation
-    End Site
-    {
-      OFFSET 0 1 0
-    }
-  }
-}
-MOTION
-Frames: 2
-Frame Time: 0.01
-5 0 0 90 0 0 0 0 0
-0 0 0 90 90 0 0 0 90
-"""
-    bvh = read_bvh(text)
-    at, _ = bvh.pose()
-    assert np.allclose(at[0], [[5, 0, 0], [4, 0, 0], [3, 0, 0]])
-    # About z first, then about the turned x, which is the world's y by then: the bone's y becomes the world's z.
-    assert np.allclose(at[1], [[0, 0, 0], [0, 0, 1], [0, 0, 2]])
-    assert [joint.name for joint in bvh.joints] == ["a", "b", "b end"]
 
 
 def test_names_of_many_makers() -> None:

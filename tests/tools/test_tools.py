@@ -1,7 +1,10 @@
-"""Meshes of the shipped bodies as they are made: closed, without slivers, of the volumes that closed forms give."""
+"""Tools that make what ships, and that judge it."""
 
+import subprocess
+import sys
 from importlib.resources import files
 from math import cos, pi, sin, tan
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +14,12 @@ from hhsim.mesh.file import read_own_ply
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.repair import closed_surface, winding_faults
 from hhsim.trees.contact_surface import contact_surface, encloses
+from hhsim.verify.claim import FAILS
 from tools.build_bodies import MESHES, SIDES
 from tools.build_catalogue import ply_bytes
+from tools.honest_runs import KINDS, judged_run
+from tools.import_graph import REPOSITORY
+from tools.same_bits import digest
 
 FOLDER = files("hhsim.objects") / "bodies"
 GENUS = {"scissors-half": 1, "hole": 1}
@@ -78,3 +85,56 @@ def test_the_peg_goes_into_the_hole_and_the_lid_on_the_pot_however_they_are_turn
 def test_every_mesh_of_the_folder_is_made() -> None:
     names = {entry.name.removesuffix(".ply") for entry in FOLDER.iterdir() if entry.name.endswith(".ply")}
     assert names == set(MESHES)
+
+
+MEETING = 42, 204
+"""Runs in which hands that meet at a free object ended ticks up to 23 µm before they had arrived."""
+FREE = {"free", "several"}
+"""Kinds of runs that have a free body; of two hands some have."""
+NO_ROOM = "script stack: the object has no room for both hands"
+"""What some drawn lines are refused for."""
+
+
+@pytest.mark.parametrize("run", [*range(40), *MEETING])
+@pytest.mark.quick("0")
+def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, run: int) -> None:
+    row = judged_run(tmp_path, 0, run)
+    assert row["kind"] == list(KINDS)[run % len(KINDS)]
+    if row.get("error") == NO_ROOM:
+        return
+    assert "error" not in row and row["ticks"] >= 300
+    assert [claim for claim in row["claims"] if claim["verdict"] == FAILS] == []
+    names = {claim["name"] for claim in row["claims"]}
+    assert names >= {"kinematics", "complementarity", "mesh"}
+    assert row["kind"] == "two-hands" or ("friction cones" in names) == (row["kind"] in FREE)
+
+
+def table(*arguments: str) -> str:
+    """Run the tool; it must find no other bits. Its table is returned."""
+    command = [sys.executable, "-m", "tools.same_bits", *arguments]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def scenes(names: tuple[str, ...]) -> list[str]:
+    return [word for name in names for word in ("--scene", name)]
+
+
+@pytest.mark.soak
+def test_libraries_of_other_processors() -> None:
+    shown = table(*scenes(("coupled", "free", "live session run again")))
+    assert shown.count(" same |") >= 3 * 6
+
+
+def test_a_digest_tells_a_changed_bit_and_no_changed_time(tmp_path: Path) -> None:
+    import h5py
+    import numpy as np
+
+    digests = []
+    for pose, time in ((1.0, 5), (1.0, 6), (np.nextafter(1.0, 2.0), 5)):
+        path = tmp_path / "run.h5"
+        with h5py.File(path, "w") as file:
+            file["hands/right/tick/graphic/position"], file["hands/right/tick/duration/total"] = [pose], [time]
+        digests.append(digest(path))
+    assert digests[0] == digests[1] != digests[2]
