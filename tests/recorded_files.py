@@ -316,16 +316,6 @@ CASES: dict[str, Case] = {
     "keypoints, fields": Case(
         {"a.npz": arrays_npz(points=1e3 * POINTS, fps=30, unit="mm", hand="right", valid=np.arange(COUNT) != 4)}, UP
     ),
-    "keypoints, by turns": Case(
-        {
-            "a.npz": arrays_npz(
-                keypoints=np.stack([POINTS, LEFT.named()], axis=1).reshape(-1, 21, 3),
-                t=TIME.repeat(2),
-                is_right=np.tile([1, 0], COUNT),
-            )
-        },
-        UP | {"hand": "left"},
-    ),
     "keypoints, MANO's order, mirrored": Case(
         {"a.npz": arrays_npz(joints=SAMPLE.named(MANO_JOINTS) * [-1.0, 1.0, 1.0], t=TIME, obj_pose=MATRIX)},
         UP | {"mirror": "x"},

@@ -106,9 +106,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     """
     if options.palm_axes is not None:
         raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")
-    rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
-    side, shown = content.stated_hand(options.hand or joints.hand, rows)
-    joints = joints if shown.all() else joints.chosen(shown, rows)
+    side = content.stated_hand(options.hand or joints.hand)
     invalid, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
     if invalid.size and invalid.all():
         kinds = ", ".join(joints.validity)
@@ -230,9 +228,6 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions) -> fl
     metre = joints.unit if options.length_unit is None else LENGTH_UNITS[options.length_unit]
     if metre is None:
         metre = content.stated.take("unit")
-    if metre is None and low <= (content.stated.seen("scale") or 0.0) * length <= high:
-        # A scale of something else makes no hand of it.
-        metre = content.stated.take("scale")
     if metre is not None:
         if not low <= metre * length <= high:
             far = f"the hand is {metre * length:.4g} m long from wrist to middle fingertip"
