@@ -363,7 +363,7 @@ def joints_of_frames(
     found = JointPositions(
         **fields | more, time=stamps.stamps(held.__getitem__), time_unit=stamps.unit, hand=side, object_poses=poses
     )
-    return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
+    return found if len(shown) == count else found.chosen(shown)
 
 
 def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName | None:

@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
@@ -80,13 +80,13 @@ class JointPositions:
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
 
-    def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
-        """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
+    def chosen(self, rows: list[int]) -> Self:
+        """Return the samples of some rows of the file, of which this has all."""
         given = {name: getattr(self, name) for name in ("position", "time", "radius", "palm")}
-        some = {name: values[shown] for name, values in given.items() if values is not None}
-        validity = {kind: values[shown] for kind, values in self.validity.items()}
-        poses = self.object_poses and self.object_poses.at(shown)
-        return replace(self, **some, validity=validity, object_poses=poses, rows=rows[shown])
+        some = {name: values[rows] for name, values in given.items() if values is not None}
+        validity = {kind: values[rows] for kind, values in self.validity.items()}
+        poses = self.object_poses and self.object_poses.at(rows)
+        return replace(self, **some, validity=validity, object_poses=poses, rows=rows)
 
     def __post_init__(self) -> None:
         count, joints = len(self.position), len(KEYPOINTS)
