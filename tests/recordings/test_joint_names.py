@@ -308,7 +308,7 @@ def test_an_array_that_states_it(names: tuple[str, ...]) -> None:
     of_joints = np.ones((40, len(names)))
     of_joints[LOST, names.index("index_tip")] = 0.0
     for values, finger in ((of_joints, 1), (~np.array(WHERE), None)):
-        data = arrays_npz(joints=points, t=time, is_valid=values)
+        data = arrays_npz(joints=points, t=time, is_valid=values, joint_names=names)
         assert_lost(read_as("keypoints", data, world_up="y"), finger)
 
 
