@@ -240,6 +240,8 @@ OBJECT = {"object_transl": PLACE, "object_global_orient": -TURN.as_rotvec()}
 OBJECT_CSV = "object_uid,timestamp[ns],t_wo_x[m],t_wo_y[m],t_wo_z[m],q_wo_w,q_wo_x,q_wo_y,q_wo_z"
 UP: dict[str, Any] = {"world_up": "y"}
 RATED: dict[str, Any] = {"rate": 100.0, **UP}
+OPENXR: dict[str, Any] = {"rate": 100.0, "joint_order": "openxr"}
+IN_MANO = SAMPLE.named(MANO_JOINTS)
 MODEL: dict[str, Any] = {"mano_model": "MODEL_RIGHT.npz", **UP}
 RIGHT_MODEL = {"MODEL_RIGHT.npz": mano_model()}
 MAP = parse_settings(GLOVE, ColumnMap, "glove.toml")
@@ -307,8 +309,8 @@ CASES: dict[str, Case] = {
     "keypoints, npy": Case({"a.npy": array_npy(POINTS)}, {"rate": 100.0}),
     "keypoints, npy of mm": Case({"a.npy": array_npy(1e3 * POINTS.reshape(-1, 63))}, RATED),
     "keypoints, no scale": Case({"a.npy": array_npy(50.0 * POINTS)}, RATED | {"hand_length": 0.18}),
-    "keypoints, 26 joints": Case({"a.npy": array_npy(SAMPLE.named(OPENXR_JOINTS))}, {"rate": 100.0}),
-    "keypoints, Unity's": Case({"a.npy": array_npy(SAMPLE.named(UNITY_JOINTS))}, {"rate": 100.0}),
+    "keypoints, 26 joints": Case({"a.npy": array_npy(SAMPLE.named(OPENXR_JOINTS))}, OPENXR),
+    "keypoints, Unity's": Case({"a.npy": array_npy(SAMPLE.named(UNITY_JOINTS))}, OPENXR | {"joint_order": "unity"}),
     "keypoints, npz": Case(
         {"a.npz": arrays_npz(keypoints=POINTS, t=TIME, object_pos=PLACE, object_quat_xyzw=XYZW, foo=np.zeros((2, 3)))},
         UP,
@@ -316,19 +318,9 @@ CASES: dict[str, Case] = {
     "keypoints, fields": Case(
         {"a.npz": arrays_npz(points=1e3 * POINTS, fps=30, unit="mm", hand="right", valid=np.arange(COUNT) != 4)}, UP
     ),
-    "keypoints, by turns": Case(
-        {
-            "a.npz": arrays_npz(
-                keypoints=np.stack([POINTS, LEFT.named()], axis=1).reshape(-1, 21, 3),
-                t=TIME.repeat(2),
-                is_right=np.tile([1, 0], COUNT),
-            )
-        },
-        UP | {"hand": "left"},
-    ),
     "keypoints, MANO's order, mirrored": Case(
-        {"a.npz": arrays_npz(joints=SAMPLE.named(MANO_JOINTS) * [-1.0, 1.0, 1.0], t=TIME, obj_pose=MATRIX)},
-        UP | {"mirror": "x"},
+        {"a.npz": arrays_npz(joints=IN_MANO * [-1.0, 1.0, 1.0], t=TIME, obj_pose=MATRIX)},
+        UP | {"mirror": "x", "joint_order": "mano"},
     ),
     "keypoints, csv": Case({"a.csv": keypoints_csv()}, UP),
     "keypoints, bare csv": Case({"a.csv": keypoints_csv(stamps=False).partition("\n")[2]}, RATED),
@@ -454,8 +446,8 @@ CASES: dict[str, Case] = {
                 "json",
                 json.dumps({"meta": [[0]] * 50, "p": [{"q": {"s": p}} for p in POINTS.tolist()]}),
             ),
-            ("keypoints, MANO's order", "json", json.dumps(SAMPLE.named(MANO_JOINTS).tolist())),
-            ("keypoints, 26", "json", json.dumps(SAMPLE.named(OPENXR_JOINTS).tolist())),
+            ("keypoints, MANO's order", "json", json.dumps({"joint_order": "mano", "p": IN_MANO.tolist()})),
+            ("webxr, 26", "json", json.dumps({"joint_order": "openxr", "p": SAMPLE.named(OPENXR_JOINTS).tolist()})),
             ("keypoints, 25", "npy", array_npy(SAMPLE.named(WEBXR_JOINTS))),
             ("openxr, 21", "csv", table("time_s", *(f"right_{joint}_{axis}" for joint in KEYPOINTS for axis in "xyz"))),
         )

@@ -74,7 +74,7 @@ class HandData(OptionGroup, heading="World, MANO, UmeTrack, LeRobot, bare number
     episode: AnySeed | None = option("Episode of a LeRobot file. Default: the only one.", "N")
     array: str | None = option("Array of joints, in an .npz or a pickle with several.", "NAME")
     joint_order: Literal["mediapipe", "mano", "smplx", "openxr", "unity"] | None = option(
-        "Order of joints without names. Default: found from the lengths of the bones."
+        "Order of joints without names. Default: mediapipe of 21 joints, openxr of 25."
     )
     pose_order: Literal["wxyz", "xyzw"] | None = option(
         "Order of a palm's or an object's quaternions, where no name tells it."

@@ -11,6 +11,7 @@ import numpy as np
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, named
 from hhsim.linkage.linkage import (
+    HERE,
     LARGEST,
     WORLD,
     Frame,
@@ -183,11 +184,8 @@ def _joint(element: Element, notes: list[str], of_scene: bool) -> LinkJoint:
             least, most = (float(_numbers(limit, key, 1, "0")[0]) for key in ("lower", "upper"))
             limits = required_limits((least, most), type_)
         dynamics = element.find("dynamics")
-        friction, damping = (
-            (0.0, 0.0)
-            if dynamics is None
-            else (float(_numbers(dynamics, key, 1, "0")[0]) for key in ("friction", "damping"))
-        )
+        dynamics = Element("dynamics") if dynamics is None else dynamics
+        friction, damping = (float(_numbers(dynamics, key, 1, "0")[0]) for key in ("friction", "damping"))
         if friction < 0.0:
             raise InputError(f'<dynamics friction="{friction:g}">; expected 0 or more')
         if damping and of_scene:
@@ -214,7 +212,7 @@ def _origin(element: Element) -> Frame:
     """Return the frame of an element's origin: rotations about fixed x, y and z by roll, pitch and yaw."""
     origin = element.find("origin")
     if origin is None:
-        return Frame(np.eye(3), np.zeros(3))
+        return HERE
     place = _numbers(origin, "xyz", 3, "0 0 0")
     if not (np.abs(place) <= LARGEST).all():
         raise InputError(f'<origin xyz="{origin.get("xyz")}">; expected numbers within ±{LARGEST:g} m')

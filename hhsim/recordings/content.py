@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from hhsim.arrays import AnyArray, BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import DamagedFileError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, Table, edited, read_header, read_remarks, read_table
 from hhsim.motion.npz_arrays import array_names, npy_of, npz_of, read_npy, read_npz
@@ -300,23 +300,14 @@ class Content:
             self.note(f"{len(frames) - len(shown)} of {len(frames)} frames show no such hand: no samples")
         return side, shown
 
-    def stated_hand(self, wanted: HandSide, rows: AnyArray) -> tuple[HandSide, BoolArray]:
-        """Return the wanted side, or for "" that of its fields, and the samples that are of it, shape (T,).
-
-        `rows` are the rows of the file that the samples are of. TrajectoryError where fields of each row are fewer.
-        """
-        sides: tuple[HandSide, ...] = self.stated.take("side") or ("",)
-        if len(sides) == 1:
-            if wanted and sides[0] not in ("", wanted):
-                self.note(f"taken for a {wanted} hand, not for the {sides[0]} one that a field states")
-            return wanted or sides[0], np.ones(len(rows), dtype=bool)
-        if len(sides) <= int(np.max(rows, initial=0)):
-            few = f"{len(sides)} sides of a hand for {len(rows)} samples"
-            raise TrajectoryError(f"{few}; expected one, or one a sample")
-        side = self.chosen_side(Counter(each for each in sides if each), wanted)
-        shown = np.array(sides)[rows] == side
-        self.note(f"{int(shown.sum())} of {len(shown)} rows are of the {side} hand")
-        return side, shown
+    def stated_hand(self, wanted: HandSide) -> HandSide:
+        """Return the wanted side, or for "" that of its fields; TrajectoryError for a field with both."""
+        side: HandSide | Literal["both"] = self.stated.take("side") or ""
+        if side == "both":
+            raise TrajectoryError("a field states right and left hands; expected the samples of one hand alone")
+        if wanted and side not in ("", wanted):
+            self.note(f"taken for a {wanted} hand, not for the {side} one that a field states")
+        return wanted or side
 
     def refuse_large(self) -> None:
         """Raise TrajectoryError for a file that is missing, or too large to be read at once."""

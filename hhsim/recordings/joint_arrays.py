@@ -1,8 +1,7 @@
 """Joint centres of a hand among the columns of a table, the frames of JSON, or named arrays.
 
-Joints have names, or stand in rows of points: 21 in MediaPipe's order or MANO's, 25 in WebXR's, 26 in OpenXR's or that
-of Unity. The order of a row is the one whose bones are nearest to a hand's in their proportions; it is refused where
-these are none of a hand, or change their lengths.
+Joints have names, or stand in rows of points: 21 in MediaPipe's order, 25 in WebXR's, or in another one that is stated.
+An order that is not stated is refused where the bones are none of a hand, or change their lengths.
 """
 
 import math
@@ -62,11 +61,13 @@ Leaf = tuple[HandSide, str, FloatArray]
 """Numbers in a document: side of the hand, name, and values."""
 
 ORDERS: dict[int, dict[str, tuple[str, ...]]] = {
-    21: {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS},
+    21: {"mediapipe": KEYPOINTS, "mano": MANO_JOINTS, "smplx": MANO_JOINTS},
     25: {"openxr": WEBXR_JOINTS},
     26: {"openxr": OPENXR_JOINTS, "unity": UNITY_JOINTS},
 }
 """Known orders of the joints of a row by their number, and by the words of `--joint-order`."""
+USUAL_ORDER = {21: "mediapipe", 25: "openxr"}
+"""Orders that need not be stated; those of 26 joints differ in wrist and palm alone, which their bones hardly tell."""
 PROPORTIONS = (0.4, 2.5)
 """Shortest and longest bone of a hand by the usual one's, as shares of all bones."""
 MOST_CHANGE = 0.05
@@ -363,7 +364,7 @@ def joints_of_frames(
     found = JointPositions(
         **fields | more, time=stamps.stamps(held.__getitem__), time_unit=stamps.unit, hand=side, object_poses=poses
     )
-    return found if len(shown) == count else found.chosen(np.isin(np.arange(count), shown), np.arange(count))
+    return found if len(shown) == count else found.chosen(shown)
 
 
 def _statement(name: str, values: FloatArray, hand: Iterable[str]) -> JointName | None:
@@ -401,56 +402,36 @@ def joints_of_rows(
 def row_names(points: FloatArray, content: Content, options: ReadOptions) -> tuple[tuple[str, ...], str, str]:
     """Return the joints of rows, shape (T, n, 3), what they are, and what is wrong with them in a stated order, or "".
 
-    Raises TrajectoryError if no known order makes a hand of them, and neither the options nor a field of the file state
-    one; InputError if the options state an order of other joints.
+    Raises TrajectoryError if neither the options nor a field of the file state the order and there is no usual one, or
+    it makes no hand of them; InputError if the options state an order of other joints.
     """
-    count, stated = points.shape[1], options.joint_order
-    word = "mano" if stated == "smplx" else stated
-    if word is not None and word not in ORDERS.get(count, {}):
+    count, word = points.shape[1], options.joint_order
+    known, told = ORDERS.get(count, {}), content.stated.seen("order") or ()
+    if word is not None and word not in known:
         expected = " or ".join(str(number) for number, orders in ORDERS.items() if word in orders)
-        raise InputError(f"--joint-order {stated}: {count} joints a sample; expected {expected}")
-    told: tuple[str, ...] = content.stated.seen("order") or ()
+        raise InputError(f"--joint-order {word}: {count} joints a sample; expected {expected}")
     if word is None and len(told) == count:
         content.stated.take("order")
         return told, f"{count} joints in the order that the file states", ""
-    misfit = ""
-    if word is None:
-        word = order_by_bones(points, ORDERS[count])
-    elif np.isinf(_bone_misfit(points, ORDERS[count][word])[0]):
-        misfit = "in this order the bones are not those of a hand"
-    how = "as --joint-order says" if stated else "by the lengths of its bones; else say --joint-order"
-    what = {
-        "mediapipe": f"{count} keypoints in MediaPipe's order: wrist, thumb to little finger",
-        "mano": f"{count} joints in MANO's order (wrist, index, middle, little, ring, thumb, then the tips), {how}",
-        "openxr": f"{count} joints in {'OpenXR' if count == 26 else 'WebXR'}'s order",
-        "unity": f"{count} joints in Unity's order (the wrist before the palm), {how}",
-    }[word]
-    return ORDERS[count][word], what, misfit
+    usual = USUAL_ORDER.get(count, "")
+    ask = f"say their order, --joint-order {' or '.join(known)}, or name them in joint_names"
+    if not (word or usual):
+        raise TrajectoryError(f"{count} joints a sample, without names: {ask}")
+    misfit = bone_misfit(points, known[word or usual])
+    if misfit and word is None:
+        raise TrajectoryError(f"{count} joints that are not in the order {usual}, by their bones: {misfit}; {ask}")
+    what = f"{count} joints in the order {word or usual}"
+    return known[word or usual], what, misfit and "in this order the bones are not those of a hand"
 
 
-def order_by_bones(points: FloatArray, orders: Mapping[str, tuple[str, ...]]) -> str:
-    """Return the one of these orders in which rows of joints, shape (T, n, 3), are most like a hand.
+def bone_misfit(points: FloatArray, names: tuple[str, ...]) -> str:
+    """Return how far the worst bone is off where rows of joints, (T, n, 3), are no hand in this order, else "".
 
-    Raises TrajectoryError, which says how far each is off, where none makes a hand.
-    """
-    misfits = {word: _bone_misfit(points, names) for word, names in orders.items()}
-    word = min(misfits, key=misfits.__getitem__)
-    if np.isinf(misfits[word][0]):
-        off = "; ".join(f"in the order {word} {text}" for word, (_, text) in misfits.items())
-        what = f"{points.shape[1]} joints in no order that is known, by their bones: {off}"
-        raise TrajectoryError(f"{what}; name them in joint_names, or say --joint-order if it is one of these")
-    return word
-
-
-def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> tuple[float, str]:
-    """Return how far the proportions of bones are from a hand's, if rows of joints, (T, n, 3), are in this order.
-
-    It is the mean logarithm of their ratios to the usual hand's; infinite where they are none of a hand, or change
-    their lengths, and 0 where no row is whole. The text says how far the worst bone is off.
+    The bones' proportions are none of a hand, or they change their lengths.
     """
     whole = points[np.isfinite(points).all(axis=(1, 2)) & (np.ptp(points, axis=1) > 0.0).any(axis=1)]
     if not len(whole):
-        return 0.0, ""
+        return ""
     hand = whole[:: len(whole) // MOST_JUDGED + 1][:, [names.index(joint) for joint in KEYPOINTS]]
     ends = hand[:, 1:].reshape(-1, 5, 4, 3)
     starts = np.concatenate([np.broadcast_to(hand[:, None, None, 0], (len(hand), 5, 1, 3)), ends[:, :, :3]], axis=2)
@@ -463,7 +444,7 @@ def _bone_misfit(points: FloatArray, names: tuple[str, ...]) -> tuple[float, str
     usual = np.concatenate([palm, sizes.length], axis=1).ravel()
     ratio = np.maximum(share / max(float(share.sum()), TINY) * usual.sum() / usual, 1e-3)
     change = float(np.percentile(np.abs(bones / total - share), 90.0, axis=0).max())
-    fits = PROPORTIONS[0] <= ratio.min() and ratio.max() <= PROPORTIONS[1] and change <= MOST_CHANGE
+    if PROPORTIONS[0] <= ratio.min() and ratio.max() <= PROPORTIONS[1] and change <= MOST_CHANGE:
+        return ""
     worst = int(np.argmax(np.abs(np.log(ratio))))
-    text = f"the bone to {KEYPOINTS[1 + worst]} is {ratio[worst]:.2g} times a hand's, and bones change by {change:.0%}"
-    return float(np.abs(np.log(ratio)).mean()) if fits else np.inf, text
+    return f"the bone to {KEYPOINTS[1 + worst]} is {ratio[worst]:.2g} times a hand's, and bones change by {change:.0%}"

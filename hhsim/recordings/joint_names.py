@@ -73,7 +73,6 @@ _FIELD_NAMES = {
     "side": "hand side handedness handside isright isrhand isrighthand isleft islhand islefthand",
     "rate": "fps rate framerate frequency mocapframerate samplerate samplingrate",
     "unit": "unit units lengthunit",
-    "scale": "scale",
     "order": "jointnames jointorder",
 }
 _KINDS = {name: kind for kind, names in _FIELD_NAMES.items() for name in names.split()}
@@ -154,7 +153,7 @@ def missing_and_doubtful(stated: Mapping[str, FloatArray], shape: tuple[int, int
 
 
 class StatedFields:
-    """Fields of a file by their kind: "side", "rate", "unit", "scale" or "order"; of two of a kind the first."""
+    """Fields of a file by their kind: "side", "rate", "unit" or "order"; of two of a kind the first."""
 
     def __init__(self, held: Mapping[str, Any]) -> None:
         # Of each kind the value, and a sentence for when it is taken.
@@ -190,14 +189,14 @@ class StatedFields:
 
 
 def kind_of(name: str) -> str:
-    """Return the kind of the field of a name: "side", "rate", "unit", "scale" or "order"; "" for any other."""
+    """Return the kind of the field of a name: "side", "rate", "unit" or "order"; "" for any other."""
     return _KINDS.get(_key(name), "")
 
 
 def side_in(node: Mapping[str, Any]) -> HandSide:
     """Return the side that an object's own keys state, "" where they do not."""
-    sides: tuple[HandSide, ...] = StatedFields({key: node[key] for key in node if kind_of(key)}).seen("side") or ("",)
-    return sides[0] if len(sides) == 1 else ""
+    side = StatedFields({key: node[key] for key in node if kind_of(key)}).seen("side")
+    return side if side in ("right", "left") else ""
 
 
 @lru_cache(maxsize=4096)
@@ -219,7 +218,7 @@ def _words(value: Any) -> list[str]:
 def _parsed(kind: str, key: str, words: list[str]) -> tuple[Any, str] | None:
     """Return the value of a field and what it says; None where it says nothing."""
     if kind == "side":
-        return _sides(key, words)
+        return _side(key, words)
     if kind == "order":
         # "" for what is none of OpenXR's joints; each of the 21 is there once.
         names = re.split(r"[,;\s]+", words[0]) if len(words) == 1 else words
@@ -238,16 +237,15 @@ def _parsed(kind: str, key: str, words: list[str]) -> tuple[Any, str] | None:
     return (value, f"positions in {unit}") if 0.0 < value < math.inf else None
 
 
-def _sides(key: str, words: list[str]) -> tuple[tuple[HandSide, ...], str] | None:
-    """Return the side of all samples, or that of each, "" where it is missing."""
+def _side(key: str, words: list[str]) -> tuple[str, str] | None:
+    """Return the side of all samples, or "both"."""
     if key.startswith("is"):
         right, left = ("r", "l") if key[2] == "r" else ("l", "r")
         truths = dict.fromkeys(("1", "1.0", "true"), right) | dict.fromkeys(("0", "0.0", "false"), left)
         words = [truths.get(word.lower(), word) for word in words]
     found = [_SIDE.match(re.sub("[^a-z]", "", word.lower())) for word in words]
-    letters: dict[str | None, HandSide] = {"r": "right", "l": "left", None: ""}
-    sides = tuple(letters[each[1]] for each in found if each)
-    known = [side for side in letters.values() if side and side in sides]
-    if len(sides) < len(words) or not known:
+    known = {each[1] for each in found if each and each[1]}
+    if not all(found) or not known:
         return None
-    return ((known[0],), f"{known[0]} hand") if len(known) == 1 else (sides, "right and left hands by turns")
+    side = "both" if len(known) == 2 else "right" if "r" in known else "left"
+    return side, f"{side} hand"

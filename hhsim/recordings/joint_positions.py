@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from hhsim.arrays import BoolArray, FloatArray, IntArray
+from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import DEFAULT_HAND_LENGTH
@@ -80,13 +80,13 @@ class JointPositions:
     # Row, line or frame of the file of each sample, shape (T,); empty for all in order.
     rows: Sequence[int] | IntArray = ()
 
-    def chosen(self, shown: BoolArray, rows: IntArray) -> Self:
-        """Return the samples of a mask, shape (T,), which are of these rows of the file, shape (T,)."""
+    def chosen(self, rows: list[int]) -> Self:
+        """Return the samples of some rows of the file, of which this has all."""
         given = {name: getattr(self, name) for name in ("position", "time", "radius", "palm")}
-        some = {name: values[shown] for name, values in given.items() if values is not None}
-        validity = {kind: values[shown] for kind, values in self.validity.items()}
-        poses = self.object_poses and self.object_poses.at(shown)
-        return replace(self, **some, validity=validity, object_poses=poses, rows=rows[shown])
+        some = {name: values[rows] for name, values in given.items() if values is not None}
+        validity = {kind: values[rows] for kind, values in self.validity.items()}
+        poses = self.object_poses and self.object_poses.at(rows)
+        return replace(self, **some, validity=validity, object_poses=poses, rows=rows)
 
     def __post_init__(self) -> None:
         count, joints = len(self.position), len(KEYPOINTS)
@@ -106,9 +106,7 @@ def recording_of_joints(joints: JointPositions, content: Content, options: ReadO
     """
     if options.palm_axes is not None:
         raise InputError("--palm-axes: there is no palm frame here, it follows from the wrist and the knuckles")
-    rows = np.asarray(joints.rows if len(joints.rows) else np.arange(len(joints.position)), dtype=np.int64)
-    side, shown = content.stated_hand(options.hand or joints.hand, rows)
-    joints = joints if shown.all() else joints.chosen(shown, rows)
+    side = content.stated_hand(options.hand or joints.hand)
     invalid, doubtful = missing_and_doubtful(joints.validity, joints.position.shape[:2])
     if invalid.size and invalid.all():
         kinds = ", ".join(joints.validity)
@@ -230,9 +228,6 @@ def _scale(joints: JointPositions, content: Content, options: ReadOptions) -> fl
     metre = joints.unit if options.length_unit is None else LENGTH_UNITS[options.length_unit]
     if metre is None:
         metre = content.stated.take("unit")
-    if metre is None and low <= (content.stated.seen("scale") or 0.0) * length <= high:
-        # A scale of something else makes no hand of it.
-        metre = content.stated.take("scale")
     if metre is not None:
         if not low <= metre * length <= high:
             far = f"the hand is {metre * length:.4g} m long from wrist to middle fingertip"

@@ -209,14 +209,13 @@ def _read(form: RecordingFormat, content: Content, options: ReadOptions) -> Reco
 
 def _with_stated_fields(recording: Recording, content: Content, options: ReadOptions) -> Recording:
     """Return a recording of angles with the side and the unit that fields of its file state."""
-    side, shown = content.stated_hand(recording.hand, recording.rows)
-    recording = (recording if shown.all() else recording.chosen(shown)).changed(hand=side)
-    frame = recording.file_frame
+    side, frame = content.stated_hand(recording.hand), recording.file_frame
+    recording = recording.changed(hand=side)
     if not side and (frame.flip > 0.0).all() and np.abs(frame.turn[2, 1]) == 1.0:
         unsure = "with y up its coordinates may be left-handed, as Unity's: --hand, --mirror z"
         content.note(f"nothing names the hand; {unsure}")
     stated = "length" in recording.stated or options.length_unit is not None
-    metre = None if stated else content.stated.take("unit") or content.stated.take("scale")
+    metre = None if stated else content.stated.take("unit")
     if metre is not None:
         recording = recording.resized(metre).changed(stated=recording.stated | {"length"})
     return recording

@@ -74,8 +74,8 @@ def repair(
     """Repair a recording without writing a file: a path, or joints in memory.
 
     Args:
-        recording: Path of a file of any format, or joint centres [m], shape (T, 21, 3), in MediaPipe's or MANO's order,
-            NaN where missing.
+        recording: Path of a file of any format, or joint centres [m], shape (T, 21, 3), in MediaPipe's order or that
+            of `joint_order`, NaN where missing.
         object_: Name of the catalogue, path of a mesh, URDF or TOML file, or a closed mesh [m]; or
             bodies with their trees.
         time: Stamps of joints [s], shape (T,); or `rate`, samples a second [Hz].

@@ -53,7 +53,7 @@ from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
-from hhsim.system.atomic_write import new_files, undo_killed, write_atomically
+from hhsim.system.atomic_write import new_files, write_atomically
 from hhsim.system.counted import counted
 from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
@@ -384,7 +384,6 @@ def _page(outcome: RepairOutcome, worst: bytes) -> str:
 
 def _check_paths(request: RepairRequest, *beside: str) -> None:
     """Raise OutputError for a file that cannot be written anew."""
-    undo_killed(request.out)
     for path in (request.out, *map(request.beside, beside)):
         check_output_path(path)
 

@@ -23,12 +23,10 @@ from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matri
 from hhsim.linkage.linkage import chain_of
 from hhsim.mesh.mesh import Mesh, mass_properties
 from hhsim.motion.csv_table import read_table
-from hhsim.motion.npz_arrays import numbers, read_npy, read_npz
-from hhsim.motion.pickled_data import flat, npy_dictionary
+from hhsim.motion.npz_arrays import numbers
 from hhsim.motion.trajectory import ObjectMotion, as_numbers
 from hhsim.ranges import RANGES, check_range
 from hhsim.reproducible import norm, principal_axes
-from hhsim.system.input_file import read_input, read_input_text
 from hhsim.system.settings_file import Settings, a_list, between
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -137,33 +135,30 @@ class JointRecording(Settings, frozen=True):
 
     def read(self, folder: Path) -> tuple[Keyframe, ...]:
         """Return (time [s], value) of each sample; InputError for no such file or column, or what is no number."""
+        from hhsim.recordings.content import ROWS, Content
+
         path, names = folder / self.file, (self.time or "t", str(self.column))
-        try:
-            if self.rate is not None and isinstance(self.column, int):
-                rows = as_numbers("array", read_npy(read_input(path)))
+        content = Content(path, what="a joint's values")
+        with named(path):
+            if path.suffix not in (".npy", ".npz"):
+                time, values = read_table(content.text, strict=True).numbers(names)[0].T
+            elif isinstance(self.column, int):
+                rows = as_numbers("array", content.arrays.get(ROWS, ()))
                 if rows.ndim != 2 or not 0 <= self.column < rows.shape[1]:
                     raise InputError(f"no column {self.column} in an array of shape {rows.shape}; expected (T, 7)")
-                time, values = np.arange(len(rows)) / self.rate, rows[:, self.column]
-            elif self.rate is not None:
-                arrays = dict(flat(npy_dictionary(read_input(path), "a joint's values")))
-                check_known("array", names[1:], arrays)
-                values = numbers(arrays, names[1])
-                time = np.arange(len(values)) / self.rate
-            elif path.suffix == ".npz":
-                arrays = read_npz(read_input(path))
-                check_known("array", names, arrays)
-                time, values = numbers(arrays, names[0]), numbers(arrays, names[1])
+                values = rows[:, self.column]
             else:
-                time, values = read_table(read_input_text(path), strict=True).numbers(names)[0].T
+                check_known("array", names if self.rate is None else names[1:], content.arrays)
+                values = numbers(content.arrays, names[1])
+                if self.rate is None:
+                    time = numbers(content.arrays, names[0])
+            if self.rate is not None:
+                time = np.arange(len(values)) / self.rate
             if time.ndim != 1 or time.shape != values.shape:
                 raise InputError(f"shapes {time.shape} and {values.shape}; expected (T,) of both")
             if not (len(time) and np.isfinite(time).all() and np.isfinite(values).all()):
                 missing = " or ".join(names) if isinstance(self.column, str) else f"column {self.column}"
                 raise InputError(f"{missing} is empty or lacks a number; expected one a sample")
-        except OSError as reason:
-            raise InputError(f"{path}: cannot be read: {reason.strerror or reason}") from None
-        except (InputError, UnicodeDecodeError) as reason:
-            raise InputError(f"{path}: {reason}") from None
         return tuple(zip(time.tolist(), values.tolist(), strict=True))
 
 

@@ -5,7 +5,7 @@ fingers close until they touch. The best grasp is kept: all named fingers press 
 its distance, the fingers oppose each other and keep hold in a slide, and the hand comes from above or the side.
 
 A search takes about a second and finds the same for the same script, hand and object: closures that were found ship for
-the catalogue's objects and scripts, or are kept in the cache.
+the catalogue's objects and scripts.
 """
 
 import hashlib
@@ -21,33 +21,28 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhsim.arrays import FloatArray
-from hhsim.errors import OutputError, TrajectoryError
+from hhsim.errors import TrajectoryError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
 from hhsim.hand.model import DEFAULT_HAND_LENGTH, HandModel
 from hhsim.hand.quaternion import quaternion_from_matrix
-from hhsim.kernels.cache_folder import cache_root
 from hhsim.kernels.hand import finger_closure as kernel
 from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
-from hhsim.kernels.kernel_cache import module_digest
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.reproducible import across, dot, matmul, norm, sine_and_cosine
 from hhsim.scene.finger_closure import OPEN_SHARE, Closer, FingerClosure, body_distances
 from hhsim.scene.script import Script
-from hhsim.system.atomic_write import write_atomically
 from hhsim.trees.sphere_tree import SphereTree
 
 SEARCH_VERSION = 1
 """Raised when the search finds other closures: `python -m tools.build_closures` then makes anew those that ship."""
 SHIPPED = "closures.json"
 
-_SOURCES = ("scene/closure_search.py", "scene/finger_closure.py", "scene/script.py", "reproducible.py")
-"""Files of hhsim that a search depends on, beside the kernels: a change of one makes closures in the cache stale."""
-
 Fields = dict[str, Any]
 """A closure as JSON has it: lists of numbers and names by field."""
 
 _found: dict[str, Fields] = {}
+"""Closures that this process has searched for, by their key."""
 
 FIST_SHARE = 0.6
 """Share of the joints' range to which a hand flexes that closes in the air."""
@@ -409,26 +404,12 @@ def level(direction: FloatArray, otherwise: FloatArray) -> FloatArray:
 def kept_closure(
     script: Script, hand: HandModel, tree: SphereTree, search: Callable[[], FingerClosure]
 ) -> FingerClosure:
-    """Return the closure of a script's hand on an object (`tree`, world frame): shipped, cached, or searched for now.
-
-    A damaged file in the cache is searched for again; a cache that cannot be written is done without.
-    """
+    """Return the closure of a script's hand on an object (`tree`, world frame): shipped, or searched for once."""
     key = closure_key(script, hand, tree)
     kept = shipped_closures().get(key) or _found.get(key)
-    if kept is not None:
-        return decoded(kept)
-    path = cache_root() / "closures" / f"{hashlib.sha256(f'{key} {_sources()}'.encode()).hexdigest()[:32]}.json"
-    try:
-        closure = decoded(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, KeyError, TypeError, ValueError):
-        closure = search()
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, json.dumps(encoded(closure)).encode())
-        except (OSError, OutputError):
-            pass
-    _found[key] = encoded(closure)
-    return closure
+    if kept is None:
+        kept = _found[key] = encoded(search())
+    return decoded(kept)
 
 
 def closure_key(script: Script, hand: HandModel, tree: SphereTree) -> str:
@@ -449,21 +430,13 @@ def shipped_closures() -> dict[str, Fields]:
     return kept
 
 
-@cache
-def _sources() -> str:
-    digest = hashlib.sha256(module_digest(kernel.__name__).encode())
-    for source in _SOURCES:
-        digest.update((files("hhsim") / source).read_bytes())
-    return digest.hexdigest()
-
-
 def encoded(closure: FingerClosure) -> Fields:
     """Return a closure's fields, with every digit of its numbers."""
     return {each.name: np.array(getattr(closure, each.name)).tolist() for each in fields(FingerClosure)}
 
 
 def decoded(kept: Fields) -> FingerClosure:
-    """Return the closure of such fields; KeyError, TypeError or ValueError if they are none of a closure."""
+    """Return the closure of such fields."""
     names = ("reached", "missed")
     parts: dict[str, Any] = {name: np.array(values, np.float64) for name, values in kept.items() if name not in names}
     return FingerClosure(**parts | {name: tuple(kept[name]) for name in names})

@@ -3,20 +3,17 @@
 HDF5 files are made in memory first: the library cannot go on after a failed write, not even to close the file.
 """
 
-import glob
-import json
 import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 
 from hhsim.errors import HhsimError, OutputError
-from hhsim.system import posix
 from hhsim.system.checksummed_file import sealed
 from hhsim.system.output_path import check_output_path, require_apart
 
@@ -33,10 +30,6 @@ def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: 
     """Write a dataset with its unit and meaning; `options` as of `h5py.Group.create_dataset`."""
     dataset = group.create_dataset(name, data=data, track_times=False, **options)
     dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
-
-
-NEW, LOCK = ".new", ".lock"
-"""Suffix of the folder of new files, and its file that the process locks and that lists what it moves."""
 
 
 @contextmanager
@@ -60,25 +53,20 @@ def partial_file(path: Path, suffix: str = ".tmp") -> Iterator[Path]:
 def new_files(path: Path) -> Iterator[Path]:
     """Yield an empty folder beside `path`, whose files move to that place at the end: all of them, or none.
 
-    Raises OutputError where one of them is there already, or cannot be written. An error of the block names the files
-    as they would have been called, and no file that is gone.
+    A process that is killed leaves the folder, whose name begins with a dot. Raises OutputError where one of the files
+    is there already, or cannot be written. An error of the block names the files as they would have been called, and no
+    file that is gone.
     """
-    undo_killed(path)
     try:
-        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=NEW, dir=path.parent))
-        lock = os.open(folder / LOCK, posix.CREATE_FLAGS, 0o644)
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent))
     except OSError as error:
         raise OutputError(f"cannot write in {path.parent}: {error.strerror or error}; name another place") from error
     moved: list[Path] = []
     try:
-        with suppress(OSError):
-            posix.lock(lock)
         yield folder
-        targets = {each: path.with_name(each.name) for each in sorted(folder.iterdir()) if each.name != LOCK}
+        targets = {each: path.with_name(each.name) for each in sorted(folder.iterdir())}
         for target in targets.values():
             check_output_path(target)
-        # Whoever is killed from here on leaves some of the files, and with this which ones.
-        os.write(lock, json.dumps({each.name: each.stat().st_ino for each in targets}).encode())
         for each, target in targets.items():
             moved.append(each.rename(target))
     except BaseException as error:
@@ -90,32 +78,7 @@ def new_files(path: Path) -> Iterator[Path]:
             error.__notes__[:] = [each for each in error.__notes__ if folder.name not in each]
         raise
     finally:
-        os.close(lock)
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def undo_killed(path: Path) -> None:
-    """Remove what `new_files` of the same path left when it was killed: its folder, and files that it moved already."""
-    for folder in path.parent.glob(f".{glob.escape(path.name)}.*{NEW}"):
-        try:
-            lock = os.open(folder / LOCK, posix.CREATE_FLAGS, 0o644)
-        except OSError:
-            continue
-        try:
-            # Another process that still works in it has the lock.
-            posix.lock(lock)
-            inodes = json.loads((folder / LOCK).read_bytes() or b"{}")
-            # Where all were moved, they are whole.
-            is_part = any((folder / name).exists() for name in inodes)
-            for name, inode in inodes.items() if is_part else ():
-                target = path.with_name(name)
-                if target.is_file() and target.stat().st_ino == inode:
-                    target.unlink()
-            shutil.rmtree(folder, ignore_errors=True)
-        except (OSError, ValueError):
-            continue
-        finally:
-            os.close(lock)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -97,7 +97,10 @@ INPUTS = {
     "import bvh-zero-positions/c2_zero6.bvh": (0, "0 in every frame: each stands at its OFFSET"),
     "import filled-called-held/a2_m1.npy --rate 30 --hand right": (0, "no hand was seen, so missing"),
     "import hdf5-of-others/r_generic.hdf5 --hand right --rate 30": (2, r"joints3d_right \(60, 21, 3\), object/pose"),
-    "import joint-order-26-unity/s26_unity.npy --rate 30 --hand right --world-up z": (0, "Unity's order .the wrist"),
+    "import joint-order-26-unity/s26_unity.npy --rate 30 --hand right": (
+        2,
+        "their order, --joint-order openxr or unity",
+    ),
     "import npz-quat-xyzw/f4_xyzw.npz": (0, "no name tells the order of the quaternions, .*--pose-order"),
     "import openxr-location-flags/b1_flags.csv": (0, "without a valid position, says the device: missing"),
     "import ros-sec-nanosec/q_ros.csv --world-up y": (0, "right hand of 203 mm"),

@@ -2,12 +2,9 @@
 
 import ast
 import importlib
-import json
 import os
 import re
-import shutil
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ from hhsim.errors import HhsimError, OutputError
 from hhsim.repair.repair import repair_both_hands, repair_recording
 from hhsim.repair.request import PICTURE, REPORT, RESULT, RepairRequest
 from hhsim.report.report import Report, write_report
-from hhsim.system.atomic_write import LOCK, NEW, new_files, partial_file, write_together
+from hhsim.system.atomic_write import new_files, partial_file, write_together
 from hhsim.system.output_path import check_output_path, check_picture, keeping
 from hhsim.table.file import check_table_path
 from hhsim.view.sink import MAGIC
@@ -172,30 +169,6 @@ def test_new_files_appear_together_or_not_at_all(tmp_path: Path) -> None:
                 raise OutputError(f"cannot write {folder / last.name}: {fault}")
         assert f"{last}" in str(caught.value)
         assert list(tmp_path.iterdir()) == [last]
-
-
-@pytest.mark.parametrize("moved", [0, 1])
-def test_new_files_of_a_process_that_was_killed_are_taken_away(tmp_path: Path, moved: int) -> None:
-    """It is killed before or after the first of two files is moved; what is somebody else's stays."""
-    first, last = tmp_path / "a.csv", tmp_path / "b.h5"
-    with suppress(SystemExit), new_files(first) as folder:
-        (folder / first.name).write_bytes(b"1")
-        (folder / last.name).write_bytes(b"2")
-        copy = shutil.copytree(folder, tmp_path / "copy")
-        raise SystemExit
-    copy = copy.rename(tmp_path / f".a.csv.killed{NEW}")
-    if moved:
-        (copy / LOCK).write_text(json.dumps({name: (copy / name).stat().st_ino for name in ("a.csv", "b.h5")}))
-        (copy / "a.csv").rename(first)
-    last.write_bytes(b"another")
-    with pytest.raises(OutputError, match=r"b\.h5"), new_files(first) as folder:
-        assert not first.exists() and not copy.exists()
-        with pytest.raises(ZeroDivisionError), new_files(first):
-            # The folder of a process that works is left alone.
-            assert folder.exists()
-            raise ZeroDivisionError
-        (folder / last.name).write_bytes(b"2")
-    assert list(tmp_path.iterdir()) == [last] and last.read_bytes() == b"another"
 
 
 def test_no_other_module_opens_a_file_to_write() -> None:

@@ -97,15 +97,15 @@ def read(data: bytes, **options: Any) -> Recording:
 @pytest.mark.parametrize(
     ("name", "value", "kind", "wanted"),
     [
-        *((name, value, "side", ("right",)) for name in ("hand", "side", "Handedness", "meta/hand_side", "handSide")
+        *((name, value, "side", "right") for name in ("hand", "side", "Handedness", "meta/hand_side", "handSide")
           for value in ("right", "Right Hand", b"right", np.array(["R"]), ["rhand"] * 3, ["right", "", "right"])),
-        *((name, value, "side", ("right",)) for name in ("is_right", "is_rhand", "isRight", "hands.is_right_hand")
+        *((name, value, "side", "right") for name in ("is_right", "is_rhand", "isRight", "hands.is_right_hand")
           for value in (1, True, 1.0, "1", "true", np.array([1]), np.ones(5), [True, True])),
-        *((name, value, "side", ("left",)) for name in ("is_right", "is_rhand")
+        *((name, value, "side", "left") for name in ("is_right", "is_rhand")
           for value in (0, False, np.zeros((4, 1)))),
-        *((name, value, "side", ("left",)) for name in ("is_left", "is_lhand") for value in (1, [1.0, np.nan])),
-        ("hand", "l", "side", ("left",)),
-        ("is_right", [1, 0, 1], "side", ("right", "left", "right")),
+        *((name, value, "side", "left") for name in ("is_left", "is_lhand") for value in (1, [1.0, np.nan])),
+        ("hand", "l", "side", "left"),
+        ("is_right", [1, 0, 1], "side", "both"),
         ("hand", 1, "side", None),
         ("hand", "both", "side", None),
         ("is_right", 0.7, "side", None),
@@ -120,10 +120,9 @@ def read(data: bytes, **options: Any) -> Recording:
         ("units", b"Millimetres", "unit", 1e-3),
         ("length_unit", "inches", "unit", 0.0254),
         ("unit", "meter", "unit", 1.0),
-        ("scale", 0.01, "scale", 0.01),
-        ("scale", "cm", "scale", 1e-2),
+        ("unit", 0.01, "unit", 0.01),
         ("unit", "furlong", "unit", None),
-        ("scale", -1.0, "scale", None),
+        ("unit", -1.0, "unit", None),
         ("joint_names", list(KEYPOINTS), "order", KEYPOINTS),
         ("joint_order", " ".join(KEYPOINTS), "order", KEYPOINTS),
         ("joint_names", [*KEYPOINTS[:-1], "x"], "order", None),
@@ -196,18 +195,9 @@ def test_frames_and_columns_of_a_table_name_their_hand() -> None:
     assert "the file does not say" in words(read_as("openxr", "\n".join(text) + "\n"))
 
 
-def test_rows_of_both_hands_are_parted_by_their_field() -> None:
-    points = np.stack([POINTS, LEFT.named()], axis=1).reshape(-1, 21, 3)
-    data = arrays_npz(keypoints=points, t=TIME.repeat(2), is_right=np.tile([1, 0], COUNT))
-    for sample in (SAMPLE, LEFT):
-        recording = read(data, hand=sample.motion.hand)
-        assert_our_own(recording, sample)
-        assert np.allclose(recording.time, TIME) and f"40 of 80 rows are of the {recording.hand} hand" in words(
-            recording
-        )
-    assert "right hand; the left one is there too: --hand" in words(read(data))
-    with pytest.raises(TrajectoryError, match="3 sides of a hand for 80 samples; expected one, or one a sample"):
-        read(arrays_npz(keypoints=points, t=TIME.repeat(2), is_right=[1, 0, 1]))
+def test_a_field_of_both_hands_is_refused() -> None:
+    with pytest.raises(TrajectoryError, match="states right and left hands; expected the samples of one hand alone"):
+        read(arrays_npz(keypoints=POINTS, t=TIME, is_right=np.arange(COUNT) % 2))
 
 
 def test_recordings_of_angles_take_side_rate_and_unit() -> None:
@@ -223,16 +213,10 @@ def test_recordings_of_angles_take_side_rate_and_unit() -> None:
     recording = read_as("npz", arrays_npz(**arrays, **beside, t=TIME, units="mm"))
     assert recording.object_motion is not None
     np.testing.assert_allclose(recording.object_motion.position, recording.position, atol=1e-12)
-    by_turns = read_as("npz", arrays_npz(**arrays, t=TIME, is_right=np.arange(COUNT) % 2), hand="left")
-    assert by_turns.rows.tolist() == list(range(0, COUNT, 2)) and by_turns.hand == "left"
 
 
-def test_a_rate_beside_stamps_and_a_scale_that_makes_no_hand_are_not_used() -> None:
-    told = words(read(arrays_npz(keypoints=POINTS, t=TIME, fps=30, scale=5.0)))
-    assert "not used: fps, scale" in told and "taken for m;" in told
-    scaled = read(arrays_npz(keypoints=POINTS / 3.0, t=TIME, scale=3.0))
-    assert_our_own(scaled, SAMPLE)
-    assert "positions in 3 m, as 'scale' says" in words(scaled)
+def test_a_rate_beside_stamps_is_not_used_and_a_unit_has_to_make_a_hand() -> None:
+    assert "not used: fps" in words(read(arrays_npz(keypoints=POINTS, t=TIME, fps=30)))
     with pytest.raises(TrajectoryError, match=r"the hand is 0\.000183\d* m long .* say --length-unit"):
         read(arrays_npz(keypoints=POINTS, t=TIME, unit="mm"))
 
@@ -324,7 +308,7 @@ def test_an_array_that_states_it(names: tuple[str, ...]) -> None:
     of_joints = np.ones((40, len(names)))
     of_joints[LOST, names.index("index_tip")] = 0.0
     for values, finger in ((of_joints, 1), (~np.array(WHERE), None)):
-        data = arrays_npz(joints=points, t=time, is_valid=values)
+        data = arrays_npz(joints=points, t=time, is_valid=values, joint_names=names)
         assert_lost(read_as("keypoints", data, world_up="y"), finger)
 
 

@@ -17,6 +17,7 @@ or later, and its object stays where it was.
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions
         # The data set has millimetres, and DexMachina's copy of it metres.
         poses = poses._replace(metre=1e-3 if np.nanmax(np.abs(poses.position)) > FAR else 1.0)
     content.unused(arrays, {*PROCESSED.values(), *(() if poses is None else poses.names)})
-    fields, _ = joints_of_rows(points, content, options)
+    fields, _ = joints_of_rows(points, content, replace(options, joint_order="mano"))
     return JointPositions(**fields, rate=ARCTIC_RATE, hand=side, unit=1.0, object_poses=poses)
 
 

@@ -1,4 +1,4 @@
-"""Joints of a hand as bare numbers: 21 in MediaPipe's or MANO's order, or OpenXR's 26 or WebXR's 25.
+"""Joints of a hand as bare numbers: 21 in MediaPipe's order, WebXR's 25, or others that are stated.
 
 | file | holds |
 |---|---|

@@ -17,7 +17,7 @@ from hhsim.motion.csv_table import Table
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.column_map import mapped
 from hhsim.recordings.content import MOST, Content, ReadOptions, number
-from hhsim.recordings.joint_arrays import order_by_bones
+from hhsim.recordings.joint_arrays import bone_misfit
 from hhsim.recordings.joint_names import KEYPOINTS, WEBXR_JOINTS, StatedFields, kind_of
 from hhsim.recordings.object_poses import is_objects, poses_in
 from hhsim.recordings.recording import Recording
@@ -54,7 +54,8 @@ def _read(content: Content, options: ReadOptions) -> Recording | JointPositions:
         seen = (np.ptp(points, axis=2) > 0.0).any(axis=2).sum(axis=0)
     side = content.chosen_side(dict(zip(sides, seen.tolist())), options.hand)
     points = points[:, sides.index(side)]
-    order_by_bones(points, {"openxr": WEBXR_JOINTS})
+    if misfit := bone_misfit(points, WEBXR_JOINTS):
+        raise TrajectoryError(f"{JOINTS} joints that are not in WebXR's order, by their bones: {misfit}")
     places = [WEBXR_JOINTS.index(joint) for joint in KEYPOINTS]
     poses = poses_in({name: _numbers(columns, name, rows) for name in columns if is_objects(name)}, len(hands), options)
     used = {*names, "timestamp", "episode_index", *(poses.names if poses is not None else ())}

@@ -388,8 +388,7 @@ def _poses(content: Content, options: ReadOptions) -> ManoPoses:
     if "pose" not in names:
         held = ", ".join(sorted(arrays)[:6])
         raise TrajectoryError(f"no array of poses, it holds {held}; expected {', '.join(FIELDS['pose'])}")
-    count = len(np.atleast_1d(arrays[names["pose"]]))
-    side, _ = content.stated_hand(options.hand, np.arange(count))
+    count, side = len(np.atleast_1d(arrays[names["pose"]])), content.stated_hand(options.hand)
     return poses_of(content, names, side, **beside(content, count, options, names.values()))
 
 
