@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import InputError, MeshError
 from hhsim.mesh.file import read_mesh
-from hhsim.mesh.shell import Shell
-from hhsim.mesh.topology import is_closed, merged_vertices
+from hhsim.mesh.topology import Shell, is_closed, merged_vertices
 from hhsim.ranges import check_range
 from hhsim.reproducible import dot, matmul, norm
 

@@ -26,7 +26,6 @@ from hhsim.mesh.repair import (
     parting_faces,
     turn_outward,
 )
-from hhsim.mesh.shell import Shell
 from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
@@ -45,7 +44,7 @@ class CoveredSurface(NamedTuple):
 
     vertices: FloatArray  # (V, 3)
     faces: IntArray  # (F, 3)
-    shell: Shell | None
+    shell: topology.Shell | None
     repairs: tuple[str, ...]
     warnings: tuple[str, ...] = ()
 
@@ -88,7 +87,7 @@ def own_triangles(
         sheet = sheet[~_inside(solid, enclosing, vertices, sheet, is_sound)]
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
-    shell = Shell(solid, enclosing, sheet)
+    shell = topology.Shell(solid, enclosing, sheet)
     return CoveredSurface(vertices, faces, shell, tuple(repairs), tuple(warnings))
 
 

@@ -16,6 +16,14 @@ SHARP = 0.99
 """Negative cosine of the angle between the normals of two neighbours from which on one may be folded over the other."""
 
 
+class Shell(NamedTuple):
+    """Solid and sheets of a mesh whose triangles are covered as a skin, see `hhsim.mesh.own_triangles`."""
+
+    vertices: FloatArray  # of the solid [m], shape (W, 3)
+    faces: IntArray  # around the inside, outward, corner indices in these vertices, shape (K, 3), none for no inside
+    sheets: IntArray  # triangles that both sides count of, corner indices in the mesh, shape (S, 3)
+
+
 def distinct_rows(rows: AnyArray) -> tuple[IntArray, IntArray]:
     """Find equal rows of a table without NaN, shape (N, M); as `numpy.unique` along an axis, in a third of its time.
 

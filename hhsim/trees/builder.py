@@ -11,8 +11,8 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, MeshError
 from hhsim.kernels.mesh.bvh import MeshBvh, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh, most_protrusion
-from hhsim.mesh.shell import Shell
 from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.topology import Shell
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers
 from hhsim.trees.error import measure_levels, protrusion_bound, prove_cover

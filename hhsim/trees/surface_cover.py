@@ -15,8 +15,8 @@ from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, face_normals, mesh_signed_distance
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.own_triangles import places_in
-from hhsim.mesh.shell import Shell
 from hhsim.mesh.signed_bvh import signed_bvh
+from hhsim.mesh.topology import Shell
 from hhsim.reproducible import dot, matmul, norm
 from hhsim.system.progress import Progress, silent
 from hhsim.system.thread_pool import Workers, ranges
