@@ -37,7 +37,7 @@ replay:
 test:
 	@$(MAKE) --no-print-directory -j 2 .venv/compiled.stamp .venv/hhsim.stamp
 	@$(MAKE) --no-print-directory -j 2 checks kernels
-	@$(MAKE) --no-print-directory -j 2 tests own-gate
+	@$(MAKE) --no-print-directory tests own-gate
 
 soak: .venv/test.stamp
 	@$(MAKE) --no-print-directory kernels platforms
