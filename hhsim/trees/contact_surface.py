@@ -11,7 +11,6 @@ from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.surface import seen_as
-from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.parts.surface import JointedSurface, PartsMotion, part_dtype
 from hhsim.kernels.rotation import quaternion_to_matrix
@@ -22,7 +21,6 @@ from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import is_closed, merged_vertices
 from hhsim.system.counted import counted
-from hhsim.trees.error import protrusion_bound
 from hhsim.trees.sphere_tree import SphereTree
 
 
@@ -92,11 +90,9 @@ def jointed_surface(parts: Sequence[ContactSurface], path: FloatArray) -> Jointe
 
 def _sticks_out(part: ContactSurface) -> float:
     """Return how far a part's spheres are outside its mesh at most [m]; 0 of the mesh itself."""
-    if not isinstance(part.arrays, TreeArrays) or part.mesh is None or part.tree is None:
+    if not isinstance(part.arrays, TreeArrays) or part.tree is None or not part.tree.covers:
         return 0.0
-    leaves = part.tree.level == part.tree.level.max()
-    bvh = build_mesh_bvh(part.mesh.vertices, part.mesh.faces)
-    return max(0.0, protrusion_bound(bvh, part.tree.center[leaves], part.tree.radius[leaves]))
+    return max(0.0, part.tree.covers[-1].bound)
 
 
 def begun(surface: JointedSurface) -> JointedSurface:
