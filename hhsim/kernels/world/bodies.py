@@ -17,6 +17,7 @@ from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.kernels.world.body import (
     OBJECT_DOF,
+    along_axis,
     body_target,
     keep_body,
     move_body,
@@ -278,9 +279,13 @@ def solve_with_bodies(method: World, state: Record, clipped: bool, qp: QpWork) -
 def _bear(method: World, fraction: float) -> None:
     """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
     world, states = method.world[0], method.states
-    problem = world.problem
+    problem, total, delta = world.problem, world.problem.total, world.problem.delta
+    for k in range(body_count(problem)):
+        body, j = world.bodies[k], body_column(problem, k)
+        if body.joint > 0:
+            body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
     for j in range(variable_count(problem)):
-        problem.total[j] += fraction * problem.delta[j]
+        total[j] += fraction * delta[j]
     for f in range(FINGER_COUNT * hand_count(problem)):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
     find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, world.tried)

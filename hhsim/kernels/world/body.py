@@ -64,7 +64,7 @@ BODY = np.dtype(
         ("limits", np.float64, (2,)),  # of the joint's value since the start [rad] or [m], infinite without
         ("joint_friction", np.float64),  # largest moment [N·m] or force [N] of the joint's friction
         ("joint_begun", np.float64),  # value of a joint of two free bodies at the start of the tick
-        ("joint_made", np.float64),  # what that was changed by in the tick before
+        ("joint_made", np.float64),  # how far a joint is foreseen to move in the tick
         ("damping", np.float64),  # [1/s]
         ("friction", np.float64),  # μ of the hand's contacts
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]

@@ -2,8 +2,8 @@
 
 That is δ, its rotation [rad] or translation [m] about or along the axis in a step; its other columns are 0. Dry
 friction of at most τ [N·m] or [N] costs τ |δ|. In the quadratic program a slack variable t has that cost: t >= |δ| by
-two rows, and its target lies so far below 0 that the gradient there is τ. The speed so far foresees t, so that friction
-is τ to the second order.
+two rows, and its target lies so far below 0 that the gradient there is τ. The program before, or in a tick's first one
+the speed so far, foresees t, so that friction is τ to the second order.
 
 Two free bodies on a joint keep all of their variables, and a slack variable for friction is one more. Of the six values
 of one body's place beside the other, from where both began, one is free: it has limits and friction. The other five are
@@ -45,18 +45,9 @@ def joint_column(body: Record) -> int:
 
 
 @jit
-def slack_target(body: Record) -> float:
-    """Compute the scaled target of the slack variable."""
-    made = body.joint_made
-    if body.pair_joint == 0:
-        made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
-    return (abs(made) / FAR - 1.0) * math.sqrt(FAR * body.joint_friction)
-
-
-@jit
-def slack_column(problem: Record, k: int) -> int:
-    """Return the slack variable of the joint of body k on another free one."""
-    return as_int64(problem.width + k)
+def slack_column(body: Record, problem: Record, k: int) -> int:
+    """Return the slack variable of the joint of body k."""
+    return as_int64(problem.width + k if body.pair_joint > 0 else body_column(problem, k) + SLACK)
 
 
 @jit
@@ -112,10 +103,11 @@ def _since_begun(body: Record, value: float) -> float:
 
 @jit
 def begin_joints(states: States, bodies: Record, problem: Record) -> None:
-    """Keep the values that joints of two free bodies begin a tick with."""
+    """Foresee how far joints move in the tick, and keep the values that those of two free bodies begin with."""
     values = problem.scratch
     for k in range(body_count(problem)):
         body = bodies[k]
+        body.joint_made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
         if body.pair_joint > 0:
             pair_values(body, states[body.pair].pose, values[:])
             value = values[free_value(body)]
@@ -145,7 +137,7 @@ def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, 
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
         write_row(states, bodies, problem, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
         if of_friction:
-            problem.common[slack_column(problem, k), row] = math.sqrt(FAR / body.joint_friction)
+            problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
             problem.rhs[row] = rhs
         problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
         problem.owner[row] = -1
@@ -187,7 +179,7 @@ def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem:
                 problem.block[j, row] = 0.0
             problem.common[own, row] = sign * body.inverse_root[own - column]
             if of_friction:
-                problem.common[column + SLACK, row] = math.sqrt(FAR / body.joint_friction)
+                problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
                 problem.rhs[row] = -sign * made
             else:
                 problem.rhs[row] = sign * (limit - value)

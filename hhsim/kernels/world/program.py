@@ -35,7 +35,7 @@ from hhsim.kernels.world.friction import (
     return_to_slips,
     turn_contacts,
 )
-from hhsim.kernels.world.joints import JOINT_KEYS, SLACK, slack_column, slack_target
+from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
@@ -129,10 +129,9 @@ def scale_target(bodies: Record, problem: Record) -> None:
         if body.joint == SLIDER:
             target[column] = along_axis(body, target[column : column + OBJECT_DOF])
             target[column + 1] = target[column + 2] = 0.0
-        if body.joint > 0:
-            target[column + SLACK] = slack_target(body)
-        if body.pair_joint > 0 and body.joint_friction > 0.0:
-            target[slack_column(problem, as_int64(k))] = slack_target(body)
+        if body.joint_friction > 0.0:
+            far = math.sqrt(FAR * body.joint_friction)
+            target[slack_column(body, problem, as_int64(k))] = (abs(body.joint_made) / FAR - 1.0) * far
 
 
 @jit
