@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 MEETS = 1e-4
 """Distance of two hands within which they may bear on each other [m]."""
+AT_REST = 1e-11
+"""Way in a tick [m] below which a body that rested in the tick before is not moved on."""
 
 
 class FreeBody:
@@ -114,6 +116,13 @@ class FreeBody:
         """Sizes of weight and forces added up, which rounding goes with, and 1 N, shape (T,)."""
         weight = self.mass * float(np.linalg.norm(self.gravity))
         return np.asarray(1.0 + weight + np.abs(self.borne[:, :3]).sum(axis=1))
+
+    @property
+    def left_at_rest(self) -> FloatArray:
+        """Force that a body at rest may leave unbalanced [N], shape (T,): that of a way too small to be made."""
+        radius = np.sqrt(np.linalg.eigvalsh(self.inertia)[0] / self.mass)
+        way = np.linalg.norm(self.velocity[:-1], axis=1) + radius * np.linalg.norm(self.spin[:-1], axis=1)
+        return np.where(way * self.period <= AT_REST, self.mass * AT_REST / self.period**2, 0.0)
 
     @cached_property
     def lowest(self) -> FloatArray:

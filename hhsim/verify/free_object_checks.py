@@ -23,8 +23,6 @@ from hhsim.verify.tick_data import CAPACITY_EXCEEDED, LAG, LENGTH, SNAP, STUCK, 
 
 RADIUS = 0.02
 """Shortest radius at which a contact turns [m]: that of a phalanx."""
-AT_REST = 1e-11
-"""Way in a tick [m] below which a body that rests stays where it is."""
 LOOKED_AT = 1000
 """Ticks in which the bodies are looked for in each other."""
 CLEAR = 5e-7
@@ -94,9 +92,7 @@ def _balance(bodies: Sequence[FreeBody]) -> list[Claim]:
     newton = []
     for body in bodies:
         kept = body.whole[body.follows[body.whole]]
-        # A body that would move by the tolerance of a program does not move at all.
-        rests = np.where(body.travel == 0.0, body.mass * AT_REST / body.period**2, 0.0)
-        limit = FORCE * body.size + rests
+        limit = FORCE * body.size + body.left_at_rest
         newton.append((body.unbalanced(body.borne[:, :3])[kept], limit[kept], kept))
     says = "m Δv / Δt is the weight and the forces of hand and table"
     claims = _of_all("Newton", says, "N", WHY_FORCE, bodies, newton)
@@ -123,7 +119,8 @@ def _euler(motion: FreeBody) -> tuple[FloatArray, FloatArray, IntArray]:
         beyond = (frame * motion.turned[1:]).as_rotvec() - (frame * goal).as_rotvec()
         apart[at] = np.linalg.norm(heavier * rate**2 * beyond @ motion.inertia.T - frame.apply(wrench[:, 3:]), axis=1)
     kept = motion.whole[motion.follows[motion.whole]]
-    limit = FORCE * motion.extent * motion.size + motion.turned_in_programs * np.linalg.norm(wrench[:, 3:], axis=1)
+    limit = motion.extent * (FORCE * motion.size + motion.left_at_rest)
+    limit += motion.turned_in_programs * np.linalg.norm(wrench[:, 3:], axis=1)
     return apart.min(axis=0)[kept], limit[kept], kept
 
 
