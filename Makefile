@@ -26,7 +26,7 @@ REPLAY_NEEDS := click rich
 # A live session and what tells of its machine need Linux; the rest has types that hold on macOS too.
 LINUX_ONLY := '/(live|cpu_accounts\.py)(/|$$)'
 
-.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels tests own-gate gate clean
+.PHONY: replay test site gallery soak wheel sdist check-dist checks platforms kernels collected tests own-gate gate clean
 
 # Kernels are compiled while the rest is installed.
 replay:
@@ -36,7 +36,7 @@ replay:
 
 test:
 	@$(MAKE) --no-print-directory -j 2 .venv/compiled.stamp .venv/hhsim.stamp
-	@$(MAKE) --no-print-directory -j 2 checks kernels
+	@$(MAKE) --no-print-directory -j 2 checks kernels collected
 	@$(MAKE) --no-print-directory tests own-gate
 
 soak: .venv/test.stamp
@@ -70,6 +70,10 @@ checks: .venv/test.stamp
 
 kernels:
 	$(BIN)/python tests/compile_kernels.py
+
+# Once, beside the type checker, or each process of the tests would compile all of them; what fails here fails there.
+collected: .venv/test.stamp
+	-$(BIN)/python -m pytest --collect-only --quiet >/dev/null
 
 tests:
 	$(BIN)/python -m pytest $(PYTEST_OPTIONS)
