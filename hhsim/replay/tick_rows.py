@@ -128,7 +128,7 @@ class SceneRows:
     def carried(self, ticks: slice) -> RigidMotion | None:
         """Return the motion of the engine's frame at some ticks where something carries it along."""
         carrier = self.seen.carrier
-        return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
+        return None if carrier is None else carrier.at(ticks).since(*carrier.at(0))
 
     def block(
         self,
