@@ -365,12 +365,20 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
     arrays["distal"], arrays["dorsal"] = _frames(arrays["distal"], arrays["dorsal"], where)
     with named(where):
         mesh = palm_mesh(hand_length, hand_breadth, arrays["base"][1:], arrays["radius"][1:, 0])
+    options = TreeOptions(level=sizes.palm_level)
     if side == "right":
-        tree = cached_sphere_tree(mesh, TreeOptions(level=sizes.palm_level))
+        tree = cached_sphere_tree(mesh, options)
     else:
         for key in ("base", "distal", "dorsal"):
             arrays[key] = arrays[key] * MIRROR
-        mesh, tree = _left_palm(mesh, TreeOptions(level=sizes.palm_level))
+        right, source = mesh, f"{mesh.source}, left"
+        mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
+        shipped = shipped_tree(mesh, options)
+        if shipped is None:
+            from hhsim.trees.builder import proved_anew
+
+            shipped = proved_anew(cached_sphere_tree(right, options).transformed(np.diag(MIRROR), np.zeros(3)), mesh)
+        tree = shipped
     return HandModel(
         side=side,
         hand_length=hand_length,
@@ -379,17 +387,6 @@ def _model(sizes: HandTable, side: Side, where: str) -> HandModel:
         palm_tree=tree,
         **{key: np.ascontiguousarray(value) for key, value in arrays.items()},
     )
-
-
-def _left_palm(right: Mesh, options: TreeOptions) -> tuple[Mesh, SphereTree]:
-    source = f"{right.source}, left"
-    mesh = Mesh(right.vertices * MIRROR, right.faces[:, ::-1], name=f"left-{right.name}", source=source)
-    tree = shipped_tree(mesh, options)
-    if tree is None:
-        from hhsim.trees.builder import proved_anew
-
-        tree = proved_anew(cached_sphere_tree(right, options).transformed(np.diag(MIRROR), np.zeros(3)), mesh)
-    return mesh, tree
 
 
 def _frames(distal: FloatArray, dorsal: FloatArray, where: str) -> tuple[FloatArray, FloatArray]:

@@ -251,36 +251,6 @@ def required_shape(vertices: FloatArray) -> None:
         )
 
 
-def require_tree(links: Sequence[Link], joints: Sequence[LinkJoint]) -> None:
-    """Raise InputError for names given twice, joints of links that there are not, circles, several roots, no links."""
-    names = [link.name for link in links]
-    if not names:
-        raise InputError("no links; expected at least one, with a shape")
-    if len(names) > MOST_LINKS:
-        raise InputError(f"{len(names):,} links; expected {MOST_LINKS:,} at most")
-    for kind, given in (("links", names), ("joints", [joint.name for joint in joints])):
-        twice = sorted({one for one in given if given.count(one) > 1})
-        if twice:
-            raise InputError(f"two {kind} have the name '{twice[0]}'; expected a name for each")
-    corners = sum(len(vertices) for link in links for vertices, _ in link.shapes)
-    if corners > MOST_CORNERS:
-        raise InputError(f"its shapes have {corners:,} vertices; expected {MOST_CORNERS:,} at most")
-    known, bearers = {*names, ""}, dict[str, str]()
-    for joint in joints:
-        for role, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in known:
-                raise InputError(f"joint '{joint.name}': its {role} is '{link}', which is no link of the file")
-        if joint.child in bearers:
-            both = " and ".join(f"'{other.name}'" for other in joints if other.child == joint.child)
-            raise InputError(f"link '{joint.child}' is the child of two joints, {both}; expected one")
-        bearers[joint.child] = joint.parent
-    for name in names:
-        chain_of(name, bearers, "link")
-    roots = [name for name in names if name not in bearers]
-    if len(roots) > 1:
-        raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
-
-
 def chain_of(name: str, bearers: Mapping[str, str], what: str) -> list[str]:
     """Return a link, or another thing, `what`, and all that bear it, in order; InputError for joints in a circle."""
     chain = [name]
@@ -341,11 +311,37 @@ def robot_of(
     seen: Sequence[str] = (),
     **of_scene: Any,
 ) -> Robot:
-    """Return the robot of links and joints; InputError where they are no tree, or no joint leads a mimic.
+    """Return the robot of links and joints.
 
     `seen` are links that only look: they have no shapes, and a note names them. `of_scene` are `on_world` and `table`.
+    Raises InputError for names given twice, joints of links that there are not, circles, several roots, no links or too
+    many, or a mimic that no joint leads.
     """
-    require_tree(links, joints)
+    names = [link.name for link in links]
+    if not names:
+        raise InputError("no links; expected at least one, with a shape")
+    if len(names) > MOST_LINKS:
+        raise InputError(f"{len(names):,} links; expected {MOST_LINKS:,} at most")
+    for kind, given in (("links", names), ("joints", [joint.name for joint in joints])):
+        twice = sorted({one for one in given if given.count(one) > 1})
+        if twice:
+            raise InputError(f"two {kind} have the name '{twice[0]}'; expected a name for each")
+    corners = sum(len(vertices) for link in links for vertices, _ in link.shapes)
+    if corners > MOST_CORNERS:
+        raise InputError(f"its shapes have {corners:,} vertices; expected {MOST_CORNERS:,} at most")
+    bearers = dict[str, str]()
+    for joint in joints:
+        for role, end in (("parent", joint.parent), ("child", joint.child)):
+            if end not in (*names, ""):
+                raise InputError(f"joint '{joint.name}': its {role} is '{end}', which is no link of the file")
+        if joint.child in bearers:
+            both = " and ".join(f"'{other.name}'" for other in joints if other.child == joint.child)
+            raise InputError(f"link '{joint.child}' is the child of two joints, {both}; expected one")
+        bearers[joint.child] = joint.parent
+    order = sorted(links, key=lambda link: len(chain_of(link.name, bearers, "link")))
+    roots = [name for name in names if name not in bearers]
+    if len(roots) > 1:
+        raise InputError(f"links {', '.join(roots[:4])} hang on no joint; expected one such link")
     known = {joint.name: joint for joint in joints}
     for joint in joints:
         chain = [joint]
@@ -355,8 +351,6 @@ def robot_of(
             if known[follows.leader] in chain:
                 raise InputError(f"joint '{joint.name}': it mimics itself; expected a joint that moves by itself")
             chain.append(known[follows.leader])
-    bearers = {joint.child: joint.parent for joint in joints}
-    order = sorted(links, key=lambda link: len(chain_of(link.name, bearers, "link")))
     if seen:
         notes = [*notes, f"{', '.join(seen)}: nothing there collides, so without spheres; --visual takes what is seen"]
     return Robot(name, tuple(order), tuple(joints), tuple(notes), **of_scene)

@@ -409,7 +409,7 @@ def _seen_from_object(motion: _Motion) -> _Motion:
     carrier = motion.object_motion
     if carrier is None:
         return motion
-    moved = carrier.since(carrier.position[0], carrier.orientation[0])
+    moved = carrier.since(*carrier.at(0))
     seen = moved.seen_points(motion.position), moved.seen_orientations(motion.orientation)
     return replace(motion, position=seen[0], orientation=seen[1], object_motion=None)
 

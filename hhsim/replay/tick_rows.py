@@ -48,61 +48,11 @@ class KeptColumns:
         return blocks[0]
 
 
-class TickColumns:
-    """Makes the columns of `hhsim.result.schema.TICK_COLUMNS` of a hand, block after block of one run.
-
-    Fingers that the options leave out have no penetration.
-    """
-
-    def __init__(self, touched: TouchedObject) -> None:
-        self._touched = touched
-        self.forget()
-
-    def forget(self) -> None:
-        """Leave the force variation of the next tick undefined, since it follows on none."""
-        self._total = np.full((1, 3), np.nan)
-        self._finger = np.full((1, 5, 3), np.nan)
-
-    def block(
-        self,
-        ticks: slice,
-        time: AnyArray,
-        input_seq: AnyArray,
-        haptic: HandConfiguration,
-        record: TickRecord,
-        moved: RigidMotion | None,
-    ) -> tuple[Columns, Columns]:
-        """Return the columns of the next ticks in the engine's frame, whose motion is `moved`, and in the world.
-
-        Arguments as of `SceneRows.block`; of a frame that is the world's `moved` is None.
-        """
-        placed = PlacedHand(record.joints, record.position, record.orientation)
-        depth = self._touched.penetration(placed, ticks)
-        total = np.concatenate([self._total, record.total])
-        finger = np.concatenate([self._finger, record.phalanx.sum(axis=2)])
-        self._total, self._finger = total[-1:], finger[-1:]
-        user = seen_hand(haptic, moved)._asdict()
-        fields = {"input_seq": input_seq, **{f"haptic_{name}": of for name, of in user.items()}, **record._asdict()}
-        seen = {
-            "time": time,
-            **{column.name: column.taken(fields) for column in schema.TICK_COLUMNS if column.source},
-            "penetration_depth": depth.depth,
-            "penetration_palm": depth.palm,
-            "penetration_finger": depth.finger,
-            "force_variation_rate": force_variation_rate(total)[1:],
-            "force_variation_finger": force_variation_rate(finger)[1:],
-        }
-        if moved is None:
-            return seen, seen
-        shown = {name: transformed(name, values, moved, seen=False) for name, values in seen.items()}
-        # The haptic hand is the given one to the bit.
-        return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
-
-
 class SceneRows:
     """Makes the rows of all tables of a file, block after block of one run.
 
-    Each hand has what it touches for itself; `names` are those of the bodies in the file.
+    Each hand has what it touches for itself; fingers that the options leave out have no penetration. `names` are those
+    of the bodies in the file.
     """
 
     def __init__(
@@ -118,17 +68,17 @@ class SceneRows:
         how = fingers, options.touch, seen.parts, options.surface
         each = zip(surfaces, hands, strict=True)
         self.touched = [TouchedObject(seen.mesh, of.arrays, hand_shape(hand), *how) for of, hand in each]
-        self._columns = [TickColumns(touched) for touched in self.touched]
+        self.forget()
 
     def forget(self) -> None:
         """Leave the force variation of the next tick undefined, since it follows on none."""
-        for columns in self._columns:
-            columns.forget()
+        # Of each hand the last total force, and that on each finger.
+        self._forces = [(np.full((1, 3), np.nan), np.full((1, 5, 3), np.nan)) for _ in self.hands]
 
     def carried(self, ticks: slice) -> RigidMotion | None:
         """Return the motion of the engine's frame at some ticks where something carries it along."""
         carrier = self.seen.carrier
-        return None if carrier is None else carrier.at(ticks).since(carrier.position[0], carrier.orientation[0])
+        return None if carrier is None else carrier.at(ticks).since(*carrier.at(0))
 
     def block(
         self,
@@ -153,16 +103,52 @@ class SceneRows:
         if free is not None:
             moved = RigidMotion(free[0].turn, free[0].shift)
             tables[schema.CONTACT] = contact_rows(free[0], first, len(self.hands))
-        for hand, columns, (input_seq, haptic, record) in zip(self.hands, self._columns, given, strict=True):
-            of_frame, shown = columns.block(ticks, time, input_seq, haptic, record, moved)
+        for h, (hand, of_hand) in enumerate(zip(self.hands, given, strict=True)):
+            of_frame, shown = self._hand_columns(h, ticks, time, *of_hand, moved)
             found.append(of_frame)
             of_ticks, tables = tables[schema.TICK], tables | schema.hand_tables(hand.side, shown)
             tables[schema.TICK] |= of_ticks
             graphic = PlacedHand(*(shown[f"graphic/{name}"] for name in PlacedHand._fields))
-            placed.append((forward_kinematics(hand, *haptic), graphic))
+            placed.append((forward_kinematics(hand, *of_hand[1]), graphic))
         for column, of_hands in zip(schema.BETWEEN_COLUMNS, zip(*placed)) if len(placed) > 1 else ():
             tables[schema.TICK][column.name] = distance_of_hands(self.hands, of_hands)
         return found, tables
+
+    def _hand_columns(
+        self,
+        h: int,
+        ticks: slice,
+        time: AnyArray,
+        input_seq: AnyArray,
+        haptic: HandConfiguration,
+        record: TickRecord,
+        moved: RigidMotion | None,
+    ) -> tuple[Columns, Columns]:
+        """Return a hand's `TICK_COLUMNS` in the engine's frame, whose motion is `moved`, and in the world.
+
+        Other arguments are as of `block`; of a frame that is the world's `moved` is None.
+        """
+        placed = PlacedHand(record.joints, record.position, record.orientation)
+        depth = self.touched[h].penetration(placed, ticks)
+        forces = zip(self._forces[h], (record.total, record.phalanx.sum(axis=2)))
+        total, finger = (np.concatenate(pair) for pair in forces)
+        self._forces[h] = total[-1:], finger[-1:]
+        user = seen_hand(haptic, moved)._asdict()
+        fields = {"input_seq": input_seq, **{f"haptic_{name}": of for name, of in user.items()}, **record._asdict()}
+        seen = {
+            "time": time,
+            **{column.name: column.taken(fields) for column in schema.TICK_COLUMNS if column.source},
+            "penetration_depth": depth.depth,
+            "penetration_palm": depth.palm,
+            "penetration_finger": depth.finger,
+            "force_variation_rate": force_variation_rate(total)[1:],
+            "force_variation_finger": force_variation_rate(finger)[1:],
+        }
+        if moved is None:
+            return seen, seen
+        shown = {name: transformed(name, values, moved, seen=False) for name, values in seen.items()}
+        # The haptic hand is the given one to the bit.
+        return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
 def body_rows(

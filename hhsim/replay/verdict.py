@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.mesh.solidify import ASSUMED_SOLID
 from hhsim.metrics.run.registry import known_figures, needed_columns, run_metrics, tick_figures
 from hhsim.metrics.run.ticks import is_mostly_stuck
-from hhsim.metrics.run_ticks import RunTicks, result_ticks
+from hhsim.metrics.run_ticks import result_ticks
 from hhsim.metrics.session_faults import SESSION_FAULTS, how_it_ended, recorded_faults
 from hhsim.replay.summary_table import SummaryRow, default_limits, stored_promises, summary_rows
 from hhsim.result.reader import Result
@@ -152,14 +152,10 @@ def result_rows(result: Result) -> tuple[SummaryRow, ...]:
     lacking = known_figures([what for what in EVERYTHING if result.gives(what)]) - stated.keys()
     own = {}
     if any(run_metrics()[name].compute and not run_metrics()[name].free_only for name in lacking):
-        computed = tick_figures(_finite_ticks(result), but=stated)
+        seen = result.seen_from_object
+        values = ((name, seen[name]) for name in needed_columns())
+        # What is infinite is no figure either.
+        known = {name: np.where(np.isfinite(of), of, np.nan) if of.dtype.kind == "f" else of for name, of in values}
+        computed = tick_figures(result_ticks(seen, known), but=stated)
         own = {name: value for name, value in computed.items() if name in lacking}
     return summary_rows({**own, **stated}, of_paper=of_the_paper(result.scene))
-
-
-def _finite_ticks(result: Result) -> RunTicks:
-    """Read what the figures need of every tick; what is infinite is no figure either."""
-    seen = result.seen_from_object
-    values = ((name, seen[name]) for name in needed_columns())
-    known = {name: np.where(np.isfinite(of), of, np.nan) if of.dtype.kind == "f" else of for name, of in values}
-    return result_ticks(seen, known)

@@ -27,7 +27,7 @@ from hhsim.result import schema
 from hhsim.result.body import Body, contact_names
 from hhsim.result.reader import CHUNK_TICKS, check_result_path
 from hhsim.system import environment as info
-from hhsim.system.atomic_write import partial_file
+from hhsim.system.atomic_write import partial_file, put_dataset
 from hhsim.system.checksummed_file import seal_file
 from hhsim.system.counted import counted
 from hhsim.system.output_path import free_name, require_apart
@@ -108,7 +108,12 @@ class ResultWriter:
     ) -> None:
         if self._complete:
             return
-        self._drop_half_a_block()
+        # An interrupt may have come between two datasets, or between the growth of one and its values.
+        with contextlib.suppress(OSError, RuntimeError, KeyError):
+            for table in self._tables.values():
+                for dataset in table.datasets.values():
+                    if len(dataset) > table.rows:
+                        dataset.resize(table.rows, axis=0)
         size = self._close()
         if self.ticks == 0:
             self.path.unlink(missing_ok=True)
@@ -204,15 +209,13 @@ class ResultWriter:
         for path, table in self._tables.items():
             for column in table.columns:
                 is_text = column.dtype.startswith("S")
-                dataset = self._file.create_dataset(
-                    f"{path}/{column.name}",
+                table.datasets[column.name] = put_dataset(
+                    *(self._file, f"{path}/{column.name}", None, column.units, column.long_name),
                     shape=(0, *column.shape),
                     maxshape=(None, *column.shape),
                     chunks=(CHUNK_TICKS, *column.shape),
                     dtype=h5py.string_dtype("utf-8", int(column.dtype[1:])) if is_text else column.dtype,
                 )
-                _describe_dataset(dataset, column)
-                table.datasets[column.name] = dataset
         for name, hand in hands.items():
             if hand.attributes:
                 self._file[f"{schema.HANDS}/{name}/{schema.LIVE}"].attrs.update(hand.attributes)
@@ -220,12 +223,11 @@ class ResultWriter:
             names = json.dumps(contact_names(list(hands), list(bodies)), ensure_ascii=False)
             self._file[schema.CONTACT].attrs["names"] = names
         group = self._file.create_group("phase")
-        names = group.create_dataset("name", data=[phase.name for phase in phases], dtype=h5py.string_dtype())
-        _describe_dataset(names, schema.Column("name", (-1,), "", "1", "name of each phase of the trajectory"))
+        called, text = [phase.name for phase in phases], h5py.string_dtype()
+        put_dataset(group, "name", called, "1", "name of each phase of the trajectory", dtype=text)
         for name in ("first_tick", "last_tick"):
-            dataset = group.create_dataset(name, data=np.array([getattr(phase, name) for phase in phases], dtype="<i8"))
-            what = f"{name.split('_')[0]} tick of each phase, from 0"
-            _describe_dataset(dataset, schema.Column(name, (-1,), "<i8", "1", what))
+            ticks = np.array([getattr(phase, name) for phase in phases], dtype="<i8")
+            put_dataset(group, name, ticks, "1", f"{name.split('_')[0]} tick of each phase, from 0")
         self._file.flush()
 
     def _write_static(self, group: str, static: Mapping[str, AnyArray], columns: Sequence[schema.Column]) -> h5py.Group:
@@ -233,20 +235,12 @@ class ResultWriter:
         self._claim(sum(array.nbytes for array in static.values()) + _OVERHEAD)
         for column in columns:
             values = np.asarray(static[column.name], column.dtype)
-            _describe_dataset(self._file.create_dataset(f"{group}/{column.name}", data=values), column)
+            put_dataset(self._file, f"{group}/{column.name}", values, column.units, column.long_name)
         return self._file[group]
 
     def _claim(self, size: int) -> None:
         """Allocate `size` bytes of the file system behind HDF5's own."""
         allocate(self.path, self._file.id.get_filesize(), size)
-
-    def _drop_half_a_block(self) -> None:
-        # An interrupt may have come between two datasets, or between the growth of one and its values.
-        with contextlib.suppress(OSError, RuntimeError, KeyError):
-            for table in self._tables.values():
-                for dataset in table.datasets.values():
-                    if len(dataset) > table.rows:
-                        dataset.resize(table.rows, axis=0)
 
     def _close(self) -> int:
         """Close the file and return its size in bytes, 0 for a failure."""
@@ -283,7 +277,7 @@ def add_skin(path: Path, vertices: AnyArray, faces: AnyArray) -> None:
             hand.pop(schema.SKIN, None)
             for column, values in zip(schema.SKIN_COLUMNS, (vertices, faces), strict=True):
                 data = np.asarray(values, column.dtype)
-                _describe_dataset(hand.create_dataset(f"{schema.SKIN}/{column.name}", data=data), column)
+                put_dataset(hand, f"{schema.SKIN}/{column.name}", data, column.units, column.long_name)
 
 
 @contextlib.contextmanager
@@ -312,12 +306,6 @@ class _Table:
     @property
     def row_bytes(self) -> int:
         return sum(np.dtype(column.dtype).itemsize * math.prod(column.shape) for column in self.columns)
-
-
-def _describe_dataset(dataset: h5py.Dataset, column: schema.Column) -> None:
-    """Set unit and description of a dataset."""
-    dataset.attrs["units"] = column.units
-    dataset.attrs["long_name"] = column.long_name
 
 
 @contextlib.contextmanager

@@ -201,7 +201,12 @@ class _Search(Closer):
         leaders = _leading(found)
         best = leaders[0].closure
         if self.script.way("push") > 0.0:
-            return replace(best, slide=self._pressing(best))
+            tips = []
+            for flexion in (best.contact, best.command):
+                self._distances(best.position, best.rotation, flexion)
+                tips.append(self.work.joints[self.fingers, 3].mean(axis=0))
+            # The way in which the closing fingers push.
+            return replace(best, slide=level(tips[1] - tips[0], -best.back))
         if self.script.way("slide") == 0.0:
             return best
         slides = [self._best_slide(leader.closure) for leader in leaders]
@@ -211,14 +216,6 @@ class _Search(Closer):
                 best_score = leader.score + SLIDE_WEIGHT * share
                 best = replace(leader.closure, slide=direction)
         return best
-
-    def _pressing(self, closure: FingerClosure) -> FloatArray:
-        """Unit level direction in which the closing fingers push, shape (3,)."""
-        tips = []
-        for flexion in (closure.contact, closure.command):
-            self._distances(closure.position, closure.rotation, flexion)
-            tips.append(self.work.joints[self.fingers, 3].mean(axis=0))
-        return level(tips[1] - tips[0], -closure.back)
 
     def _aims(self, scale: float) -> list[FloatArray]:
         """Points of the palm plane that may come over the object's middle [m], palm frame, shape (3,) each."""
@@ -253,9 +250,7 @@ class _Search(Closer):
                 travel, blocking = distance, body
         position = start - travel * back
         unclosed = None if self.script.contact else self.fist
-        closure = self.closed(
-            (position, rotation, back), self.open, self.abduction, np.zeros(3), self.fingers, unclosed
-        )
+        closure = self.closed((position, rotation, back), self.open, self.abduction, np.zeros(3), unclosed)
         if blocking < 0:
             return _Candidate(rotation, aim, -math.inf, closure)
         near = max(0.0, 1.0 - self.gap_to_other(closure) / BESIDE)

@@ -127,11 +127,23 @@ class DeclaredBodies:
         A free one is where it begins. Poses of equal values of the joints are equal to the bit.
         """
         bodies, known = {body.name: body for body in self.solids}, dict[str, ObjectMotion]()
+        now, steps = time + self.began, (len(time), 1)
 
         def placed(body: BodySettings) -> ObjectMotion:
-            if body.name not in known:
-                own = self._relative(body, time + self.began)
-                known[body.name] = composed(placed(bodies[body.bearer]), own) if body.bearer else own
+            if body.name in known:
+                return known[body.name]
+            place, joint = np.array(body.position), body.joint
+            if joint is not None and (joint.is_driven or joint.start):
+                own = joint.poses(place, body.turn, joint.values(now))
+            else:
+                own = ObjectMotion(np.tile(place, steps), np.tile(body.turn, steps))
+            if body.name in self.drives:
+                # Before the first pose and after the last one it stands.
+                stamps, poses = self.drives[body.name]
+                at = np.clip(now, stamps[0], stamps[-1])
+                turns = interpolate_orientation(stamps, poses.orientation, at)
+                own = composed(own, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
+            known[body.name] = composed(placed(bodies[body.bearer]), own) if body.bearer else own
             return known[body.name]
 
         path = {name: placed(body) for name, body in bodies.items()}
@@ -139,20 +151,6 @@ class DeclaredBodies:
             return path
         rows = held_rows(np.stack([*self.values(time).values(), np.zeros(len(time))], axis=1))
         return {name: poses.at(rows) for name, poses in path.items()}
-
-    def _relative(self, body: BodySettings, time: FloatArray) -> ObjectMotion:
-        """Return the poses of a body in the frame of the one that bears it, or of the file."""
-        place, joint = np.array(body.position), body.joint
-        if joint is not None and (joint.is_driven or joint.start):
-            return joint.poses(place, body.turn, joint.values(time))
-        still = ObjectMotion(np.tile(place, (len(time), 1)), np.tile(body.turn, (len(time), 1)))
-        if body.name not in self.drives:
-            return still
-        # Before the first pose and after the last one it stands.
-        stamps, poses = self.drives[body.name]
-        at = np.clip(time, stamps[0], stamps[-1])
-        turns = interpolate_orientation(stamps, poses.orientation, at)
-        return composed(still, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
 
     @cached_property
     def begin(self) -> dict[str, ObjectMotion]:

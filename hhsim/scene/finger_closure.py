@@ -1,6 +1,5 @@
 """A hand closed on an object: palm pose, finger postures, and distance of each body."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,21 +71,19 @@ class Closer:
         opened: FloatArray,
         abduction: FloatArray,
         slide: FloatArray,
-        fingers: Sequence[int],
         unclosed: FloatArray | None = None,
     ) -> FingerClosure:
-        """Close fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
+        """Close the script's fingers until they touch, and command them deeper; shapes as in `FingerClosure`.
 
-        `place` is position, rotation and back of the palm, `opened` the flexion of the open hand [rad]. The script's
-        other fingers count as missed. Fingers that do not close get the command `unclosed` [rad], None for the open
-        hand's.
+        `place` is position, rotation and back of the palm, `opened` the flexion of the open hand [rad]. Fingers that do
+        not close get the command `unclosed` [rad], None for the open hand's.
         """
         (position, rotation, back), work = place, self.work
         contact, touching = opened.copy(), np.zeros((len(FINGERS), 3))
-        for f in fingers:
+        for f in self.fingers:
             kernel.close_finger(position, rotation, f, self.rates[f], abduction, contact, work, touching)
         command = contact.copy() if unclosed is None else unclosed
-        for f in fingers:
+        for f in self.fingers:
             if touching[f].any():
                 kernel.deepen_finger(f, self.rates[f], abduction, self.script.depth, command, work)
         pressed = position - self.script.palm_depth * back
@@ -112,10 +109,8 @@ class Closer:
         wide = OPEN_SHARE * np.minimum(self.hand.flexion_min, 0.0) + placement.open[:, None] * self.rates
         return np.ascontiguousarray(np.clip(wide, self.hand.flexion_min, self.hand.flexion_max))
 
-    def close(
-        self, placement: Placement, clear: Callable[[FloatArray, FloatArray, FloatArray], bool] | None = None
-    ) -> FingerClosure:
-        """Close the fingers with the palm at a place; open if `clear` refuses position, rotation and open flexion."""
+    def close(self, placement: Placement) -> FingerClosure:
+        """Close the fingers with the palm at a place."""
         rotation = rotation_matrix(placement.orientation)
         position, back = placement.position, placement.back
         opened, abduction = self.opened(placement), np.ascontiguousarray(placement.abduction)
@@ -124,8 +119,7 @@ class Closer:
             gap, limit = np.zeros(BODY_COUNT), 2.0 * PALM_WAY
             travel, _ = kernel.advance_hand(start, rotation, opened, abduction, -back, gap, limit, self.work)
             position = start - travel * back
-        fingers = self.fingers if clear is None or clear(position, rotation, opened) else []
-        return self.closed((position, rotation, back), opened, abduction, placement.slide, fingers)
+        return self.closed((position, rotation, back), opened, abduction, placement.slide)
 
 
 def closure_rates(curl: float) -> FloatArray:

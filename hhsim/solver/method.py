@@ -77,9 +77,9 @@ class Method:
         return frozenset(promise for promise in PROMISES if getattr(self, promise))
 
 
-def _made(module: str, name: str, workspace: Any) -> Engine:
+def _made(module: str, name: str, *about: Any) -> Engine:
     # Imported when it is made: an engine stands above what only names methods.
-    engine: Engine = getattr(import_module(f"hhsim.solver.{module}"), name)(workspace)
+    engine: Engine = getattr(import_module(f"hhsim.solver.{module}"), name)(*about)
     return engine
 
 
@@ -197,7 +197,7 @@ def find_method(name: str) -> Method:
     forces, work = (bool(getattr(found, name, False)) for name in ("gives_forces", "gives_work"))
     return Method(
         summary=str(getattr(found, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        engine=partial(_outside_engine, name, found, forces),
+        engine=partial(_made, "outside_method", "OutsideEngine", name, found, forces),
         never_penetrates=bool(getattr(found, "never_penetrates", False)),
         follows_input=True,
         gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []), *([UNITS] if work else []))),
@@ -224,12 +224,6 @@ def known_for_now(name: str, method: Method) -> Iterator[None]:
 
 def _no_engine(name: str, workspace: Any) -> Engine:
     raise InputError(f"'{name}' is poses computed elsewhere: hhsim score measures their file anew")
-
-
-def _outside_engine(name: str, make: Callable[[Any], Any], forces: bool, workspace: Any) -> Engine:
-    from hhsim.solver.outside_method import OutsideEngine
-
-    return OutsideEngine(name, make, forces, workspace)
 
 
 SURFACES: Registry["Surface"] = Registry("hhsim.kernels.surfaces", "SURFACE", "surface", first=("spheres", "mesh"))

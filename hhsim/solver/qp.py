@@ -213,37 +213,32 @@ _CALL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.POINTER(ctypes.c_int64), *[ctype
 def backend_code(method: Any, backend: str) -> tuple[Any, Any]:
     """Return machine code that solves the programs of a hand alone by a QP solver, and what the caller keeps for it."""
     failed: list[BaseException] = []
+    world = method.world[0]
+    problem, loaded = world.problem, world.loaded
 
     def called(value: Any, *_: Any) -> int:
+        value[0] = INFEASIBLE
         try:
-            value[0] = OPTIMAL if _solve_with(backend, method) else INFEASIBLE
+            dense, rows = dense_problem(method)
+            solution = solve(dense, backend)
+            if solution.status is QpStatus.FAILED:
+                return 0
+            problem.delta[:DOF] = solution.x
+            pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]
+            loaded.count, row, force = len(pushing), rows[pushing], solution.multiplier[pushing]
+            loaded.row[: len(pushing)], loaded.multiplier[: len(pushing)] = row, force
+            loaded.key[: len(pushing)] = problem.key[row]
+            world.hand_pairs.multiplier[:] = 0.0
+            of_parts = row >= problem.dense_row
+            world.hand_pairs.multiplier[row[of_parts] - problem.dense_row] = force[of_parts]
+            take_hand_steps(method.states, problem)
+            value[0] = OPTIMAL
         except BaseException as error:
             failed.append(error)
-            value[0] = INFEASIBLE
         return 0
 
     code = _CALL(called)
     return ctypes.cast(code, ctypes.c_void_p).value, (code, failed)
-
-
-def _solve_with(backend: str, method: Any) -> bool:
-    world = method.world[0]
-    problem, loaded = world.problem, world.loaded
-    dense, rows = dense_problem(method)
-    solution = solve(dense, backend)
-    if solution.status is QpStatus.FAILED:
-        return False
-    problem.delta[:DOF] = solution.x
-    pushing = np.flatnonzero(solution.multiplier > MULTIPLIER_FLOOR)[:ACTIVE_CAPACITY]
-    loaded.count = len(pushing)
-    loaded.row[: len(pushing)], loaded.multiplier[: len(pushing)] = rows[pushing], solution.multiplier[pushing]
-    loaded.key[: len(pushing)] = problem.key[rows[pushing]]
-    world.hand_pairs.multiplier[:] = 0.0
-    for row, force in zip(rows[pushing], solution.multiplier[pushing]):
-        if row >= problem.dense_row:
-            world.hand_pairs.multiplier[row - problem.dense_row] = force
-    take_hand_steps(method.states, problem)
-    return True
 
 
 def dense_problem(method: Any) -> tuple[QpProblem, IntArray]:

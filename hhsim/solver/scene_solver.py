@@ -93,17 +93,17 @@ def seen_scene(scene: Scene) -> SeenScene:
         mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
         parts = _free_parts(scene, solids) if len(solids) > 1 else None
         return SeenScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
+    carrier = first.ticks.object_motion
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
-        moved = None if carrier is None else along(carrier)
+    moved = None if carrier is None else carrier.since(*carrier.at(0))
+    if len(solids) == 1:
         haptic = tuple(seen_hand(hand, moved) for hand in given)
         mesh = replace(body.placed_mesh, name=scene.name)
         return SeenScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
-    carrier = first.ticks.object_motion
     world = [_poses(one, scene.ticks.tick_count) for one in solids]
     values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
     joints = {name: of for name, of in values.items() if of is not None}
-    moved = None if carrier is None else along(carrier)
     if moved is not None and not all(one.name in joints or _goes_along(one, moved) for one in solids):
         carrier = moved = None
     begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
@@ -114,11 +114,6 @@ def seen_scene(scene: Scene) -> SeenScene:
     parts = MovingParts(scene.name, *shapes, poses, joints, moved)
     haptic = tuple(seen_hand(hand, moved) for hand in given)
     return SeenScene(mesh, tree, place, carrier, haptic, None, parts)
-
-
-def along(poses: ObjectMotion) -> RigidMotion:
-    """Return the motion of a frame that goes along with poses since the first one."""
-    return poses.since(poses.position[0], poses.orientation[0])
 
 
 def seen_hand(hand: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:
@@ -205,25 +200,23 @@ class WorldSolver:
         if not given.position.shape[1]:
             return tuple(records)
         begun = [0] * len(blocks) if self._started else self.begin(blocks)
-        if self._two is None:
+        if (two := self._two) is None:
             status = self.tick(given, record)
         else:
-            done = self._run_two(self._two, given, record)
+            if self._has_free:
+                done = two.run_many(given, record)
+            else:
+                kernel, arguments = self._call_apart(two, blocks, records)
+                with ExitStack() as stack:
+                    for alone in self._alone:
+                        stack.enter_context(alone.thread_team.at_work(alone.method))
+                    done = int(kernel(*arguments))
             status = int(np.bitwise_or.reduce(record.status[:, done - 1])) if done else 0
         if status & STATUS_CAPACITY_EXCEEDED:
             raise self._spaces[0].full()
         for written, start in zip(records, begun):
             written.status[:1] |= start
         return tuple(records)
-
-    def _run_two(self, two: WorldEngine, haptic: HapticBlock, record: TickRecord) -> int:
-        if self._has_free:
-            return two.run_many(haptic, record)
-        kernel, arguments = self._call_apart(two, *views_of_hands(haptic, record))
-        with ExitStack() as stack:
-            for alone in self._alone:
-                stack.enter_context(alone.thread_team.at_work(alone.method))
-            return int(kernel(*arguments))
 
     def _call_apart(
         self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]

@@ -98,11 +98,6 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
     return Edges(*(np.ascontiguousarray(part) for part in parts))
 
 
-def _about(axis: FloatArray) -> FloatArray:
-    """Return two directions across a unit axis and the axis, as right-handed rows (3, 3)."""
-    return np.vstack([across(axis), axis])
-
-
 class WorldEngine:
     """Runs the ticks of one or two hands and of bodies, all in one program.
 
@@ -178,13 +173,8 @@ class WorldEngine:
         plane = next((body for body in others if isinstance(body, HalfSpace)), None)
         for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
             self._place(body, record, support, plane)
-            bearer = self._bearer(body)
-            if body.free_joint is not None and bearer is not None:
-                record.pair = self._pairs.index((0, k, bearer))
-                self._join_pair(body.free_joint, body, record)
-                problem.slacks = SLACKS if record.joint_friction > 0.0 else problem.slacks
-            elif body.free_joint is not None:
-                self._join(body.free_joint, body, record)
+            if body.free_joint is not None:
+                self._join(body.free_joint, k, record)
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = problem.column[k]
             step = record.period * np.concatenate([record.velocity, record.spin])
@@ -194,7 +184,13 @@ class WorldEngine:
     def method(self) -> World:
         """Arguments of the ticks, with the machine code of what the scene has: it is compiled or loaded if need be."""
         workspace, world, states, options = self.workspace, self.world, self.states, self.workspace.tick_options
-        options = options._replace(pairs=self._pairs_code())
+        pairs, pairs_code, bending, vector = self.hand_pairs, NO_PAIRS, 0, np.zeros(DOF)
+        if len(pairs.part):
+            self._pairs_row = write_rows([pairs])
+            if workspace.options.self_contact:
+                bending = code_of(add_bends, pairs, 0, 0, states[0].step.row, *[vector] * 4)
+            pairs_code = PairsCode(self._pairs_row.ctypes.data, code_of(do_pairs, pairs, 0, 0.0, 0.0), bending)
+        options = options._replace(pairs=pairs_code)
         if workspace.options.self_contact or not self.bodies:
             options = options._replace(correcting=code_of(correct, options, states, world, self.qp))
         supports, edge_pairs, movers, codes, edges = self._made_of
@@ -237,18 +233,6 @@ class WorldEngine:
         hand, part = (np.concatenate([none, *(pairs[k] for pairs in several)]) for k in range(2))
         one, other = self.hands[0].hand, self.hands[-1].hand
         return HandPairs(hand, part, len(self.hands), one, other, self.states, self._world["hand_pairs"])
-
-    def _pairs_code(self) -> PairsCode:
-        """Return the pairs of the hands' parts as ticks take them."""
-        pairs, row, vector = self.hand_pairs, self.states[0].step.row, np.zeros(DOF)
-        if not len(pairs.part):
-            return NO_PAIRS
-        self._pairs_row = write_rows([pairs])
-        return PairsCode(
-            self._pairs_row.ctypes.data,
-            doing=code_of(do_pairs, pairs, 0, 0.0, 0.0),
-            bending=code_of(add_bends, pairs, 0, 0, row, *[vector] * 4) if self.workspace.options.self_contact else 0,
-        )
 
     @property
     def states(self) -> Any:
@@ -354,14 +338,21 @@ class WorldEngine:
             raise InputError(f"the object begins {depth} the table: put the table at {height}")
         record.position[2] += max(0.0, self.workspace.options.offset - lowest)
 
-    @staticmethod
-    def _join(joint: Joint, of: Body, body: Any) -> None:
-        """Restrict a body to the motion about or along the axis of its joint."""
-        axis, free = joint.direction, of.solid
-        body.axes[:] = _about(axis)
+    def _join(self, joint: Joint, k: int, body: Any) -> None:
+        """Let a body move about or along the axis of its joint alone, in the world or against the one that bears it."""
+        of, axis, turns = self.bodies[k], joint.direction, joint.type == "hinge"
+        free, axes = of.solid, np.vstack([across(axis), axis])
         body.limits[:] = of.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
-        if joint.type == "slider":
+        if (bearer := self._bearer(of)) is not None:
+            body.pair, body.pair_joint = self._pairs.index((0, k, bearer)), HINGE if turns else SLIDER
+            body.joint_origin[:] = joint.origin if turns else free.center
+            body.joint_axes[:] = axes
+            if joint.friction > 0.0:
+                self.world.problem.slacks = SLACKS
+            return
+        body.axes[:] = axes
+        if not turns:
             body.joint = SLIDER
             body.inverse_root[3:] = body.spin[:] = 0.0
             for vector in (body.gravity, body.velocity):
@@ -376,15 +367,6 @@ class WorldEngine:
         body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
         body.gravity[:] = body.velocity[:] = 0.0
         body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
-
-    @staticmethod
-    def _join_pair(joint: Joint, of: Body, body: Any) -> None:
-        """Let a body and the free one that bears it move against each other about or along the axis alone."""
-        body.pair_joint = HINGE if joint.type == "hinge" else SLIDER
-        body.joint_origin[:] = joint.origin if joint.type == "hinge" else of.solid.center
-        body.joint_axes[:] = _about(joint.direction)
-        body.limits[:] = of.limits or (-np.inf, np.inf)
-        body.joint_friction = joint.friction
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""

@@ -39,7 +39,7 @@ from hhsim.solver.hand_solver import best_hands
 from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
-from hhsim.solver.scene_solver import SceneSolver, SeenScene, along, seen_hand, seen_scene
+from hhsim.solver.scene_solver import SceneSolver, SeenScene, seen_hand, seen_scene
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, free_bodies, named_scene, scene_digest, scene_names, scene_title
@@ -394,7 +394,9 @@ def score(
     digest, shown = scene_digest(scene), shown_scene(scene, submission)
     seen = seen_scene(shown)
     # Beside what is free poses are in the world; the shown scene may go along with a body.
-    given = as_seen(submission, along(seen.carrier)) if seen.carrier and submission.bodies else submission
+    given = submission
+    if seen.carrier and submission.bodies:
+        given = as_seen(submission, seen.carrier.since(*seen.carrier.at(0)))
     name = f"{SUBMITTED}{submission.method}"
     with known_for_now(name, submitted_method(name, given)):
         options = SolverOptions(method=name, surface=surface)

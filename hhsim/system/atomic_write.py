@@ -26,10 +26,11 @@ def sealed_hdf5(fill: Callable[[h5py.File], object]) -> bytes:
         return sealed(bytes(file.id.get_file_image()))
 
 
-def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: str, **options: Any) -> None:
-    """Write a dataset with its unit and meaning; `options` as of `h5py.Group.create_dataset`."""
+def put_dataset(group: h5py.Group, name: str, data: Any, units: str, long_name: str, **options: Any) -> Any:
+    """Write a dataset with its unit and meaning, and return it; `options` as of `h5py.Group.create_dataset`."""
     dataset = group.create_dataset(name, data=data, track_times=False, **options)
     dataset.attrs["units"], dataset.attrs["long_name"] = units, long_name
+    return dataset
 
 
 @contextmanager
