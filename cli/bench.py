@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from pkgutil import resolve_name
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
 
@@ -40,13 +41,6 @@ class RunningOptions(OptionGroup):
     resume: options.OutPath | None = option("Keep each cell that is done here, and go on with what is not.", "FOLDER")
 
 
-def suite_lines() -> Mapping[str, str]:
-    """Return the suites with one line each."""
-    from hhsim.bench import plan
-
-    return plan.suite_lines()
-
-
 def suite_command(name: str) -> click.Command:
     """Return the command of a suite, made of its plan."""
     from hhsim.bench.plan import SUITES
@@ -78,7 +72,7 @@ def suite_command(name: str) -> click.Command:
 
 command = LazyGroup(
     "bench",
-    suite_lines,
+    lambda: resolve_name("hhsim.bench.plan:suite_lines")(),
     suite_command,
     kind="suite",
     subcommand_metavar="SUITE [ARGS]...",
@@ -104,7 +98,11 @@ def _parameter(name: str, about: "Option", hint: Any) -> click.Parameter:
         return declared.parameter(name, str)
     if not about.help:
         return SHARED[name]
-    entry, is_list = _entry(hint)
+    if get_origin(hint) in (Union, UnionType):
+        hint = next(each for each in get_args(hint) if each is not NoneType)
+    bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    is_list = get_origin(bare) is tuple
+    entry = get_args(bare)[0] if is_list else hint
     entry = Annotated[int, click.IntRange(-MOST_COUNT, MOST_COUNT)] if entry is int else entry
     kind, metavar = click_type(entry), "NAME" if entry is str else "N"
     how: dict[str, Any] = {}
@@ -123,14 +121,6 @@ def _parameter(name: str, about: "Option", hint: Any) -> click.Parameter:
     return declared.parameter(name, entry)
 
 
-def _entry(hint: Any) -> tuple[Any, bool]:
-    """Return the type of a setting, or of the entries of its list, and whether it is one."""
-    if get_origin(hint) in (Union, UnionType):
-        hint = next(each for each in get_args(hint) if each is not NoneType)
-    bare = get_args(hint)[0] if get_origin(hint) is Annotated else hint
-    return (get_args(bare)[0], True) if get_origin(bare) is tuple else (hint, False)
-
-
 def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dict[str, Any]) -> int:
     """Run a suite, write its tables and its picture, print them; return 1 if a bar is missed."""
     from hhsim.bench.suite import run_cells, run_tasks_of
@@ -138,12 +128,9 @@ def run_suite(name: str, kind: "type[Suite]", output: options.Output, given: dic
     from hhsim.table.table import stored_unit
 
     plan, plot, listed = kind.plan(), given.pop("plot", None), given.pop("listed", False)
-    running = {
-        "jobs": given.pop("jobs", 1),
-        "scheduler": given.pop("scheduler", ""),
-        "folder": given.pop("resume", None),
-    }
-    is_shared = running["jobs"] > 1 or running["scheduler"] or running["folder"]
+    jobs, scheduler, folder = given.pop("jobs", 1), given.pop("scheduler", ""), given.pop("resume", None)
+    running = {"jobs": jobs, "scheduler": scheduler, "folder": folder}
+    is_shared = jobs > 1 or scheduler or folder
     is_preset = plan.preset is not None and given.pop(plan.preset.flag)
     if not listed:
         # Before a plan imports what it measures.

@@ -115,7 +115,11 @@ def _show_warning(message: Warning | str, category: type[Warning], *place: Any, 
 def _run_and_report() -> int:
     """Run the command and report errors; only a stdout that cannot be written is raised."""
     try:
-        return _run()
+        with hhsim.make_context("hhsim", sys.argv[1:]) as context:
+            answer = hhsim.invoke(context)
+        return answer if isinstance(answer, int) else 0
+    except click.exceptions.Exit as done:
+        return done.exit_code
     except HhsimError as error:
         return _report(str(error), error.exit_code, error)
     except click.UsageError as error:
@@ -144,15 +148,6 @@ def _run_and_report() -> int:
 
         place = f"stdout, or the cache in {cache_root()}, for which HHSIM_CACHE_DIR names another folder"
         return _report(f"{error.strerror or error}: {error.filename or place}", HhsimError.exit_code, error)
-
-
-def _run() -> int:
-    try:
-        with hhsim.make_context("hhsim", sys.argv[1:]) as context:
-            answer = hhsim.invoke(context)
-    except click.exceptions.Exit as done:
-        return done.exit_code
-    return answer if isinstance(answer, int) else 0
 
 
 def _report(message: str, code: int, error: BaseException | None = None) -> int:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -115,7 +116,7 @@ def robot_spheres(
         draw_robot(plot, found)
     seconds = time.process_time() - start
     print_notes(notes)
-    columns = (words("link", "name"), *fit_columns("fit"), number("CPU", "cpu_seconds", "s", 2))
+    columns = (words("link", "name"), *fit_columns("fit."), number("CPU", "cpu_seconds", "s", 2))
     bare = ", ".join(link.name for link in found.links if not link.proved)
     proof = "proved: every triangle of every link lies in its spheres"
     pairs, cached = sum(map(len, found.ignored.values())), sum(link.cached for link in found.links)
@@ -204,23 +205,20 @@ def import_spheres(source: Path, mesh: "Mesh", link: str, seed: int) -> "Importe
 
 
 def fit_columns(of: str = "") -> tuple[Any, ...]:
-    """Return the columns of figures of a fit, which a row has as its field `of`."""
+    """Return the columns of figures of a fit, which a row has as its field `of`, such as "fit."."""
 
-    def value(name: str, factor: float = 1.0) -> Any:
-        def read(row: Any) -> float | None:
-            found = getattr(getattr(row, of) if of else row, name)
-            return None if found is None else factor * found
-
-        return read
+    def percent(name: str) -> Any:
+        share = attrgetter(f"{of}{name}")
+        return lambda row: None if share(row) is None else 100.0 * share(row)
 
     return (
-        number("spheres", value("spheres")),
-        number("inside covered", value("coverage", 100.0), "%", 2, missing=""),
-        number("surface covered", value("surface_coverage", 100.0), "%", 2),
-        number("largest gap", value("surface_gap_max"), "mm", 2),
-        number("out max", value("protrusion_max"), "mm", 2),
-        number("p95", value("protrusion_p95"), "mm", 2),
-        number("mean", value("protrusion_mean"), "mm", 2),
-        number("volume ratio", value("volume_ratio"), "", 2, missing=""),
-        number("proved bound", value("bound"), "mm", 2),
+        number("spheres", f"{of}spheres"),
+        number("inside covered", percent("coverage"), "%", 2, missing=""),
+        number("surface covered", percent("surface_coverage"), "%", 2),
+        number("largest gap", f"{of}surface_gap_max", "mm", 2),
+        number("out max", f"{of}protrusion_max", "mm", 2),
+        number("p95", f"{of}protrusion_p95", "mm", 2),
+        number("mean", f"{of}protrusion_mean", "mm", 2),
+        number("volume ratio", f"{of}volume_ratio", "", 2, missing=""),
+        number("proved bound", f"{of}bound", "mm", 2),
     )

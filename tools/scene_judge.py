@@ -30,7 +30,7 @@ from hhsim.verify.contacts import (
     near_pairs,
     parts_that_may_meet,
 )
-from hhsim.verify.force_checks import balance, moment, with_meetings
+from hhsim.verify.force_checks import limit_rows, residual, unit_pushes
 from hhsim.verify.free_object_checks import gyrated
 from hhsim.verify.kinematics import OwnHand, Posed, configurations, pose, rotations, turn_between
 from tools.convex_solids import Solid, separation
@@ -527,14 +527,11 @@ def unborne(scene: Recorded, owns: Sequence[OwnHand], h: int, tick: int) -> floa
     pairs = joined([_rubbing(_on_body(own, posed[h], body, tick), body, scene) for body in scene.bodies])
     if len(owns) == 2:
         pairs = joined([pairs, _on_other(meetings_of_two(owns, posed, TOUCH), h)])
-    found = moment(own, posed[h], here.flexion[0], pairs, 0, pull)
-    if scene.self_contact:
-        found = with_meetings(
-            found, posed[h], meetings(own, posed[h], parts_that_may_meet(own, np.ones(5, bool)), TOUCH), 0
-        )
-    scale = 1.0 / np.sqrt(stiffness)
+    may = parts_that_may_meet(own, np.full(5, scene.self_contact))
+    pushed, _ = unit_pushes(posed[h], 0, pairs, meetings(own, posed[h], may, TOUCH))
+    rows, scale = np.concatenate([pushed, limit_rows(own, here.flexion[0])]), 1.0 / np.sqrt(stiffness)
     size = float(np.linalg.norm(pull * scale))
-    return balance(found, scale) / size if size > NO_PULL else 0.0
+    return residual((rows * scale).T, pull * scale) / size if size > NO_PULL else 0.0
 
 
 def _on_body(own: OwnHand, posed: Posed, body: Moved, tick: int) -> Pairs:

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 PANEL_SECONDS = 0.25
 LINE_SECONDS = 5.0
 NONE = "—"
-
-Rows = list[tuple[str, str]]
-
 POLL = 0.02
 """Period at which the session is polled [s]."""
 
@@ -105,7 +102,7 @@ class LiveStatus:
         self._live.update(terminal_text(table, in_terminal=True), refresh=True)
 
 
-def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> Rows:
+def status_rows(status: Any, tally: "LiveTally", recording: str, now_ns: int) -> list[tuple[str, str]]:
     """Return names and texts of the display; arguments as of `LiveStatus.update`, and CLOCK_MONOTONIC [ns]."""
     from hhsim.hand.fingers import FINGERS
     from hhsim.result.safety import why_free

@@ -105,7 +105,7 @@ GLOVES: Registry[Glove] = Registry(
             "a Dexmo at its vendor's server",
             "hhsim.live.drivers.dexmo:DexmoGlove",
             DexmoOptions,
-            "hhsim.live.drivers.calibration:glove_calibration",
+            "hhsim.live.drivers.dexmo:glove_calibration",
         ),
         "openxr": Glove(
             "a hand that an OpenXR headset tracks, bare or in a glove, by a bridge", _UDP, PacketOptions, palm=True

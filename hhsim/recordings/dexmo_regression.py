@@ -33,11 +33,11 @@ from hhsim.errors import InputError
 from hhsim.hand.fingers import FINGERS
 from hhsim.recordings.column_map import JOINT_NAMES, AngleUnit, Joint
 from hhsim.recordings.unit_detection import ANGLE_UNITS
-from hhsim.system.settings_file import Settings, between, one_of, parse_settings, read_toml_text
+from hhsim.system.settings_file import Settings, between, one_of, read_settings
 
 CHANNELS = ("thumb_rotate",) + tuple(f"{finger}_{kind}" for finger in FINGERS for kind in ("split", "bend"))
 """Channels in the glove's order; its pinky is the little finger."""
-BEND = tuple(CHANNELS.index(f"{finger}_bend") for finger in FINGERS)
+BEND = [CHANNELS.index(f"{finger}_bend") for finger in FINGERS]
 
 DEFAULT_DEGREES: dict[str, dict[str, float]] = {
     "thumb_flex1": {"thumb_bend": 20.0, "thumb_split": -15.0},
@@ -59,7 +59,11 @@ Term = Annotated[str, one_of(("offset", *CHANNELS))]
 Reading = Annotated[float, between(-1e6, 1e6)]
 """Value of a reading or an angle in a calibration."""
 LEAST_SPAN = 100.0
-"""Smallest usual span of a channel of raw 12-bit counts between its two poses."""
+"""Smallest usual span of a channel of raw counts between its two poses."""
+MOST_NORMALISED, MOST_COUNT = 1.5, 4095.0
+"""Largest magnitude of a channel that is no raw count, and the largest count of a 12-bit sensor."""
+LEAST_OF_HAND, MOST_OF_HAND = -0.5, 1.5
+"""Range of the normalised bends of a hand; splits are clipped to it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +91,28 @@ class DexmoRegression:
         return cls(np.zeros(len(CHANNELS)), np.ones(len(CHANNELS)), slope, offset)
 
     @property
-    def counts_raw(self) -> bool:
+    def in_counts(self) -> bool:
         """True if the readings are raw counts, not numbers from 0 to 1."""
-        return not (np.array_equal(self.open, np.zeros_like(self.open)) and (self.closed == 1.0).all())
+        return bool(np.abs(self.closed - self.open).max() > MOST_NORMALISED)
+
+    def doubtful(self) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """Return messages about channels of counts with too small a range, or one beyond the sensor's.
+
+        Returned besides are the numbers of the fingers whose bend has too small a range to push on.
+        """
+        if not self.in_counts:
+            return (), ()
+        span = np.abs(self.closed - self.open)
+        doubtful = [
+            f"{name} spans {count:.0f} counts of {MOST_COUNT:.0f}: it says little"
+            for name, count in zip(CHANNELS, span)
+            if count < LEAST_SPAN
+        ]
+        ends = zip(CHANNELS, self.open, self.closed)
+        beyond = [name for name, a, b in ends if min(a, b) < 0.0 or max(a, b) > MOST_COUNT]
+        if beyond:
+            doubtful.append(f"counts beyond 0 to {MOST_COUNT:.0f}: {', '.join(beyond)}")
+        return tuple(doubtful), tuple(finger for finger, k in enumerate(BEND) if span[k] < LEAST_SPAN)
 
     def normalised(self, readings: ArrayLike) -> FloatArray:
         """Return normalised channels, outside 0 to 1 where the hand exceeds its two poses; shape (…, 11)."""
@@ -99,6 +122,19 @@ class DexmoRegression:
         """Compute flexion (…, 5, 3) and abduction (…, 5) [rad] from readings of the channels, shape (…, 11)."""
         whole = self.normalised(readings) @ self.slope.T + self.offset
         return whole[..., :15].reshape(*whole.shape[:-1], 5, 3), whole[..., 15:]
+
+    def hand_angles(self, readings: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """Return `angles` of finite readings (11,), with splits clipped; None beyond a hand's range.
+
+        So are numbers from 0 to 1 where the calibration is for counts, and counts where it is not.
+        """
+        normalised = self.normalised(readings)
+        if not all(LEAST_OF_HAND <= bend <= MOST_OF_HAND for bend in normalised[BEND].tolist()):
+            return None
+        if self.in_counts and np.abs(readings).max() <= MOST_NORMALISED:
+            return None
+        angles = self.slope @ np.minimum(np.maximum(normalised, LEAST_OF_HAND), MOST_OF_HAND) + self.offset
+        return angles[:15].reshape(5, 3), angles[15:]
 
     def bend_lines(self) -> tuple[FloatArray, FloatArray]:
         """Return slope and offset of each finger's angles as functions of its bend [rad], each of shape (5, 3)."""
@@ -119,13 +155,11 @@ class DexmoRegression:
 
 
 def read_calibration(path: Path) -> DexmoRegression:
-    """Read a calibration from a TOML file; raise InputError for a missing file, no TOML, or a wrong key or value."""
-    return parse_calibration(read_toml_text(path, "calibration"), where=str(path))
+    """Read a calibration from a TOML file; joints that it lacks keep their default.
 
-
-def parse_calibration(text: str, *, where: str) -> DexmoRegression:
-    """Read a calibration from TOML text, named `where` in messages; joints that it lacks keep their default."""
-    table = parse_settings(text, _CalibrationTable, where)
+    Raises InputError for a missing file, no TOML, or a wrong key or value.
+    """
+    table = read_settings(path, _CalibrationTable, "calibration")
     factor = ANGLE_UNITS[table.angle.unit or "rad"]
     joints = {name: {key: factor * term for key, term in terms.items()} for name, terms in table.joint.items()}
     found = DexmoRegression.default(joints)

@@ -120,27 +120,26 @@ def repair(
         bodies = checked_bodies(DeclaredBodies.of_mesh(object_), object_.name)
     else:
         bodies = bodies_of(request)
-    made = prepared(request, read, held, bodies, fitted=fitted)
-    recorded = made.recorded
-    seen, marked = corrected(max_correction, recorded, made.touched, None, progress)
-    correction = recorded.in_the_world(seen, made.recording)
+    made, recorded = prepared(request, read, held, bodies, fitted=fitted)
+    seen, marked = corrected(max_correction, recorded, None, progress)
+    correction = recorded.in_the_world(seen, made)
 
     def whole(values: Any, missing: Any) -> Any:
         """Return values of the frames as those of all samples."""
-        full = np.full(made.recording.sample_count, missing)
+        full = np.full(made.sample_count, missing)
         full[recorded.frames] = values
         return full
 
     pairs = (recorded.joints, seen.fitted), (seen.joints, seen.posture)
     before, after = (whole(np.maximum(-recorded.judged(*pair, None).distance, 0.0), np.nan) for pair in pairs)
     return RepairedMotion(
-        made.recording.time,
-        made.recording.file_frame.to_file(correction.joints) * made.recording.file_frame.metre,
+        made.time,
+        made.file_frame.to_file(correction.joints) * made.file_frame.metre,
         correction.changed,
         whole(marked, missing=False),
         before,
         after,
         recorded.hand,
         correction.posture,
-        tuple(finding.text for finding in made.recording.findings),
+        tuple(finding.text for finding in made.findings),
     )

@@ -4,6 +4,7 @@ A frame of the recording is a tick of the scene. Nothing is resampled: the frame
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,13 @@ from hhsim.motion.trajectory import RigidMotion, TickInput, Trajectory
 from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import BONES, Correction
+from hhsim.repair.projection import GivenObject
 from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand, moved_joints
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.scene import Hand, Scene
 from hhsim.solver.scene_solver import SeenScene, seen_scene
+from hhsim.trees.contact_surface import contact_surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +49,11 @@ class RecordedScene:
     def haptic(self) -> HandConfiguration:
         """Fitted hand of each frame as the object sees it."""
         return self.seen.haptic[0]
+
+    @cached_property
+    def touched(self) -> GivenObject:
+        """Object that the hand is kept out of: the surface of its mesh, or its parts."""
+        return self.seen.parts or contact_surface("mesh", self.seen.mesh, self.seen.tree)
 
     def in_the_world(self, seen: Correction, recording: Recording) -> Correction:
         """Transform the correction of the frames, as the object sees them, to the whole recording in the world."""

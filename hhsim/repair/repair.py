@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from time import process_time
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -47,10 +47,8 @@ from hhsim.repair.written_hand import WrittenHand, change_between
 from hhsim.replay.replay import replay_scene
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.scene.scene import Scene
 from hhsim.solver.method import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_scene
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
@@ -59,7 +57,7 @@ from hhsim.system.input_file import file_state
 from hhsim.system.output_path import check_output_path
 from hhsim.system.progress import Progress, silent
 from hhsim.table.html import render
-from hhsim.trees.contact_surface import contact_surface, encloses
+from hhsim.trees.contact_surface import encloses
 from hhsim.trees.triangle_tree import triangle_tree
 
 LOADED = 64
@@ -100,11 +98,11 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     read, bodies = replace(request.read, usual_up="z"), bodies_of(request)
     recording = read_recording(request.recording, read)
     skin = _skin(request.recording, read, recording)
-    recording, recorded, touched = prepared(request, read, recording, bodies, skin)
+    recording, recorded = prepared(request, read, recording, bodies, skin)
     check_target(request.recording, recording, request.out)
     scene, began = recorded.scene, process_time()
     seen_skin = None if skin is None else recorded.seen_skin(skin)
-    seen, marked = corrected(request.max_correction, recorded, touched, seen_skin, progress)
+    seen, marked = corrected(request.max_correction, recorded, seen_skin, progress)
     took = process_time() - began
     correction = recorded.in_the_world(seen, recording)
     off = write_recording(request.recording, read, recording, correction, paths["recording"])
@@ -134,7 +132,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         "recording": request.source.name,
         "marked": recorded.frames[marked].tolist(),
     }
-    forces = equilibrium_forces(scene, touched, seen.posture)
+    forces = equilibrium_forces(recorded, seen.posture)
     name = f"{SUBMITTED}{METHOD}"
     submission = Submission(METHOD, "", scene.ticks.time, seen.posture, *forces)
     # The hand of the written recording is outside; ours is inside by what the fit left.
@@ -174,14 +172,6 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     return outcome
 
 
-class Prepared(NamedTuple):
-    """Recording beside its object, with the hand that fits it."""
-
-    recording: Recording  # in our units, with the angles of the fitted hand
-    recorded: RecordedScene
-    touched: GivenObject
-
-
 def prepared(
     request: RepairRequest,
     read: ReadOptions,
@@ -189,10 +179,11 @@ def prepared(
     bodies: DeclaredBodies,
     skin: Skin | None = None,
     fitted: HandModel | None = None,
-) -> Prepared:
+) -> tuple[Recording, RecordedScene]:
     """Fit a hand to a recording in our units, and put it beside bodies with their trees; errors as of the repair.
 
-    `skin` is that of the recorded hand, `fitted` a hand that was fitted before, to other samples of it.
+    The returned recording has the angles of the fitted hand. `skin` is that of the recorded hand, `fitted` a hand that
+    was fitted before, to other samples of it.
     """
     for mesh in bodies.meshes.values():
         recording = recording.found(*map(note, (*mesh.repairs, *mesh.warnings)))
@@ -233,22 +224,19 @@ def prepared(
     if gone:
         text = f"{gone} of {recording.sample_count} samples have no whole hand or no object: left as they are"
         recording = recording.found(note(text))
-    seen_by_object = recorded.seen
-    touched = seen_by_object.parts or contact_surface("mesh", seen_by_object.mesh, seen_by_object.tree)
+    touched = recorded.touched
     notes = touched.surface("mesh").notes if isinstance(touched, MovingParts) else touched.notes
-    recording = recording.found(*map(note, notes))
-    return Prepared(recording, recorded, touched)
+    return recording.found(*map(note, notes)), recorded
 
 
 def corrected(
-    limit: float, recorded: RecordedScene, given: GivenObject, skin: Skin | None, progress: Progress
+    limit: float, recorded: RecordedScene, skin: Skin | None, progress: Progress
 ) -> tuple[Correction, BoolArray]:
     """Return the correction as the object sees it, and a mask of the frames to be marked, shape (F,)."""
-    free = repair_frames(recorded.hand, given, recorded.haptic, limit, progress)
-    written = WrittenHand(recorded.joints, recorded.hand, recorded.haptic, recorded.tip_on_surface)
-    return correct(
-        written, free, given, skin=skin, object_moved=recorded.moved, max_correction=limit, progress=progress
-    )
+    hand, given, haptic = recorded.hand, recorded.touched, recorded.haptic
+    free = repair_frames(hand, given, haptic, limit, progress)
+    written, moved = WrittenHand(recorded.joints, hand, haptic, recorded.tip_on_surface), recorded.moved
+    return correct(written, free, given, skin=skin, object_moved=moved, max_correction=limit, progress=progress)
 
 
 def correct(
@@ -417,14 +405,14 @@ def repair_both_hands(
     return found
 
 
-def equilibrium_forces(scene: Scene, given: GivenObject, posture: HandConfiguration) -> tuple[FloatArray, FloatArray]:
+def equilibrium_forces(recorded: RecordedScene, posture: HandConfiguration) -> tuple[FloatArray, FloatArray]:
     """Compute the contact forces that balance the coupling where a hand comes to rest from a posture [N].
 
     They are on the phalanges, shape (T, 5, 3, 3), and on the palm, shape (T, 3), as the object sees them.
     """
     options = SolverOptions(surface="mesh", linearisations=LINEARISATIONS, budget=UNLIMITED)
-    solver = solver_beside(given, scene.hands[0].model, options)
-    haptic = seen_scene(scene).haptic[0]
+    given, haptic = recorded.touched, recorded.haptic
+    solver = solver_beside(given, recorded.hand, options)
     phalanx, palm = np.zeros((posture.ticks, 5, 3, 3)), np.zeros((posture.ticks, 3))
     for frame in range(posture.ticks):
         shown = posture.part(frame, frame + 1)

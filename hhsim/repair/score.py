@@ -71,11 +71,10 @@ def field_score(
         raise TrajectoryError(f"{repaired}: sample {k} is at {stamps}, as {recorded} has")
     request = RepairRequest(recorded, mesh.name, repaired, object_poses=poses)
     bodies = checked_bodies(DeclaredBodies.of_mesh(mesh), mesh.name)
-    made = prepared(request, read, before, bodies)
-    scene = made.recorded
+    recording, scene = prepared(request, read, before, bodies)
     fitted = HandConfiguration.of(in_angles_of(after, scene.hand)).at(scene.frames)
     posture = scene.seen_hand(after, seen_hand(fitted, scene.moved))
     hands = scene.judged(scene.joints, scene.haptic, None), scene.judged(*posture, None)
     rows = field_rows(FieldPair(*hands))
-    doubts = (*unused_poses(made.recording), *doubts_of(rows))
+    doubts = (*unused_poses(recording), *doubts_of(rows))
     return FieldScore(rows, field_verdict(rows, max_correction, doubts), doubts)

@@ -5,8 +5,6 @@ w = Jᵀλ + μ with λ ≥ 0 at contacts and μ at joint limits. λ need not be
 λ ≥ 0 gives both them and w. Residuals are in N: moments are divided by √(k_r / k_t), joint torques by √(k_θ / k_t).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from hhsim.arrays import FloatArray, IntArray
@@ -25,37 +23,10 @@ WHY_SLACK = "a millionth, and how far normals turn in the tick's last step, afte
 AT_LIMIT = 1e-9
 """Distance to a joint's limit [rad] within which the limit can bear a torque."""
 BODY_COLUMNS = 3 * (PALM + 1)
+OF_PALM = np.arange(21) < 6
+"""True for the variables of the palm."""
 UNSETTLED = STUCK | LAG | CAPACITY_EXCEEDED | NO_PLACE | SNAP
 """Flags of ticks whose forces are no program's, or of one that was not at an end."""
-
-
-class Moment(NamedTuple):
-    """Contacts, joint limits and pull of the coupling at one tick."""
-
-    jacobian: FloatArray  # derivative of the contacts' distances by q (N, 21)
-    bodies: FloatArray  # normal of each contact in its body's three columns (N, 48)
-    limits: FloatArray  # rows of the joints at a limit (M, 21)
-    pull: FloatArray  # w [N, N·m] (21,)
-    body: IntArray  # of the contacts (N,)
-
-
-def moment(hand: OwnHand, posed: Posed, flexion: FloatArray, pairs: Pairs, i: int, pull: FloatArray) -> Moment:
-    """Build the `Moment` of tick `i` of `posed` from its contacts, flexion (5, 3) [rad] and pull (21,)."""
-    pushed = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
-    return Moment(*pushed, limit_rows(hand, flexion), pull, pairs.body)
-
-
-def with_meetings(at: Moment, posed: Posed, pairs: Pairs, i: int) -> Moment:
-    """Add pairs of the hand's own parts at tick `i` of `posed`: each pushes its two bodies apart."""
-    first = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
-    second = pushes(posed, i, pairs.leaf, pairs.point, -pairs.normal)
-    # Between two parts of the hand nothing acts on the whole of it.
-    jacobian = np.where(np.arange(21) < 6, 0.0, first[0] + second[0])
-    return at._replace(
-        jacobian=np.concatenate([at.jacobian, jacobian]),
-        bodies=np.concatenate([at.bodies, first[1] + second[1]]),
-        body=np.concatenate([at.body, pairs.body]),
-    )
 
 
 def limit_rows(hand: OwnHand, flexion: FloatArray) -> FloatArray:
@@ -85,22 +56,16 @@ def pushes(
     return jacobian, bodies
 
 
-def balance(at: Moment, scale: FloatArray) -> float:
-    """Residual [N] of balancing the coupling by contacts and joint limits; `scale` takes the 21 rows to N."""
-    return residual((np.concatenate([at.jacobian, at.limits]) * scale).T, at.pull * scale)
+def unit_pushes(posed: Posed, i: int, pairs: Pairs, own: Pairs) -> tuple[FloatArray, FloatArray]:
+    """Generalised forces of 1 N at pairs of tick `i`, and of 1 N that pushes each pair of `own` parts apart; `pushes`.
 
-
-def explained(at: Moment, scale: FloatArray, stored: FloatArray, apart: bool) -> float:
-    """Residual [N] of explaining stored forces by contact pushes that also balance the coupling.
-
-    `scale` has the factors of the 21 rows, to N; `stored` the force of each body [N], the palm's last, shape (48,). If
-    `apart`, palm and fingers balance separately: contacts of a finger do not push the palm.
+    Between two parts of the hand nothing acts on the whole of it.
     """
-    jacobian = np.where(apart & (at.body != PALM)[:, None] & (np.arange(21) < 6), 0.0, at.jacobian)
-    limits = at.limits * scale
-    rows = np.concatenate([jacobian * scale, limits]).T
-    forces = np.concatenate([at.bodies, np.zeros((len(limits), BODY_COLUMNS))]).T
-    return residual(np.concatenate([rows, forces]), np.concatenate([at.pull * scale, stored]))
+    jacobian, bodies = pushes(posed, i, pairs.body, pairs.point, pairs.normal)
+    first = pushes(posed, i, own.body, own.point, own.normal)
+    second = pushes(posed, i, own.leaf, own.point, -own.normal)
+    jacobian = np.concatenate([jacobian, np.where(OF_PALM, 0.0, first[0] + second[0])])
+    return jacobian, np.concatenate([bodies, first[1] + second[1]])
 
 
 def residual(matrix: FloatArray, wanted: FloatArray) -> float:
@@ -173,16 +138,23 @@ def _balance(judge: JudgedTicks, *, stored: bool) -> Claim:
     own_within = np.maximum(within[own.tick, own.body], within[own.tick, own.leaf])
     own = own.at(np.flatnonzero(own.distance <= own_within))
     for n, i in enumerate(ticks.tolist()):
-        at = moment(judge.hand, judge.posed, judge.shown.flexion[i], pairs.of(i), i, judge.pull[i])
-        at = with_meetings(at, judge.posed, own.of(i), i) if judge.self_contact else at
+        near, met = pairs.of(i), own.of(i)
+        jacobian, bodies = unit_pushes(judge.posed, i, near, met)
+        jacobian, limits = jacobian * judge.scale, limit_rows(judge.hand, judge.shown.flexion[i]) * judge.scale
         if not stored:
-            off[n] = balance(at, judge.scale)
+            off[n] = residual(np.concatenate([jacobian, limits]).T, of_coupling[i])
             continue
-        forces = judge.forces[i].ravel()
-        off[n] = min(explained(at, judge.scale, forces, apart) for apart in {False, progressive})
+        # Pushes that balance the coupling and are the stored forces; limits bear none of these.
+        forces, of_finger = judge.forces[i].ravel(), np.append(near.body, met.body)[:, None] != PALM
+        borne = np.append(bodies, np.zeros((len(limits), BODY_COLUMNS)), axis=0)
+        off[n], wanted = np.inf, np.append(of_coupling[i], forces)
+        for apart in {False, progressive}:
+            # Apart, palm and fingers balance separately: contacts of a finger do not push the palm.
+            rows = np.concatenate([np.where(apart & of_finger & OF_PALM, 0.0, jacobian), limits])
+            off[n] = min(off[n], residual(np.append(rows, borne, axis=1).T, wanted))
         if progressive and off[n] > slack[i]:
             # Where the palm yields to a finger, contacts bear what they can.
-            off[n] = min(off[n], residual(at.bodies.T, forces))
+            off[n] = min(off[n], residual(bodies.T, forces))
     says = "forces push along the normals of what touches, and balance the coupling: w = Jᵀλ + μ with λ ≥ 0"
     note = left_out(judge.status, UNSETTLED)
     return judged("force balance", says, off, slack[ticks], "N", WHY_SLACK, ticks=ticks, note=note)

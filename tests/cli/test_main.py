@@ -95,10 +95,10 @@ NO_MEMORY = MemoryError("Unable to allocate 7.28 TiB for an array")
 def test_an_error_is_told_in_one_line_with_its_notes(
     run: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, line: str
 ) -> None:
-    def fail() -> int:
+    def fail(_: object) -> None:
         raise error
 
-    monkeypatch.setattr(entry, "_run", fail)
+    monkeypatch.setattr(entry.hhsim, "invoke", fail)
     monkeypatch.setenv("HHSIM_CACHE_DIR", "/cache")
     answer = run("info")
     assert (answer.code, answer.out, answer.err.count("\n")) == (code, "", 1)
@@ -128,7 +128,7 @@ def test_numbers_that_json_lacks_are_null(capsys: pytest.CaptureFixture[str]) ->
 def test_no_command_that_tests_run_asks_another_machine(run: Run, monkeypatch: pytest.MonkeyPatch, host: str) -> None:
     # `run` holds it of every command; here it finds one.
     event = ("socket.getaddrinfo", host) if "org" in host else ("socket.connect", None, (host, 443))
-    monkeypatch.setattr(entry, "_run", lambda: sys.audit(*event) or 0)
+    monkeypatch.setattr(entry.hhsim, "invoke", lambda _: sys.audit(*event))
     with pytest.raises(AssertionError, match=host):
         run("info")
 

@@ -14,8 +14,9 @@ import struct
 import time
 from collections import deque
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -161,6 +162,16 @@ def encode_impedance(device_id: int, stiffness: Sequence[float], set_point: Sequ
     return framed(command.SerializeToString())
 
 
+def glove_calibration(options: DexmoOptions, hand: str) -> "DexmoRegression":
+    """Return the calibration that a glove's settings name, or the default; either hand has the same channels.
+
+    InputError for a file that is unreadable or malformed.
+    """
+    from hhsim.recordings.dexmo_regression import DexmoRegression, read_calibration
+
+    return read_calibration(Path(options.calibration)) if options.calibration else DexmoRegression.default()
+
+
 class DexmoGlove(GloveDevice):
     """One glove of a Dexmo server; its configuration has a `DexmoRegression` unless it is opened for release."""
 
@@ -266,17 +277,16 @@ class DexmoGlove(GloveDevice):
 
     def describe(self) -> None:
         """Set `info`, and what follows from the calibration."""
-        # A release alone needs none of these.
-        from hhsim.live.drivers.calibration import BENDS, doubtful_channels, hand_angles, in_counts
+        # A release alone does not need it.
+        from hhsim.recordings.dexmo_regression import BEND
 
         calibration = self._calibration
-        self._hand_angles = partial(hand_angles, calibration)
-        counted = in_counts(calibration)
+        counted = calibration.in_counts
         # A server that sends counts still takes set points from 0 to 1.
         low, high = (np.zeros(11), np.ones(11)) if counted else (calibration.open, calibration.closed)
-        self._bend_open, self._bend_span = low[BENDS].tolist(), (high - low)[BENDS].tolist()
+        self._bend_open, self._bend_span = low[BEND].tolist(), (high - low)[BEND].tolist()
         self._angles = calibration.angles(calibration.open)
-        doubtful, kept_free = doubtful_channels(calibration)
+        doubtful, kept_free = calibration.doubtful()
         self.info = GloveInfo(
             name=self._link.name,
             channels=CHANNELS,
@@ -392,7 +402,7 @@ class DexmoGlove(GloveDevice):
             self._battery = glove.battery if 0 <= glove.battery <= 100 else UNKNOWN
         readings = np.array(glove.channels)
         # Python's loop is faster than numpy's on eleven numbers with cold caches.
-        found = self._hand_angles(readings) if all(map(math.isfinite, glove.channels)) else None
+        found = self._calibration.hand_angles(readings) if all(map(math.isfinite, glove.channels)) else None
         self._angles = found or self._angles
         self._write_sample(row, now, found is not None, readings, self._angles, battery=self._battery)
         return 1

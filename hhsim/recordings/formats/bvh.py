@@ -99,15 +99,6 @@ class Bvh:
         return at, turned
 
 
-def read_bvh(text: str) -> Bvh:
-    """Read BVH text; raise TrajectoryError with the line where it stops being BVH."""
-    lines = [(number, words) for number, line in enumerate(text.splitlines(), start=1) if (words := line.split())]
-    if not lines or lines[0][1][0].upper() != "HIERARCHY":
-        raise TrajectoryError("it does not begin with HIERARCHY; expected BVH motion capture")
-    joints, count = _hierarchy(lines[1:])
-    return _motion(lines[1 + count :], joints, complete=text.endswith(("\n", "\r")))
-
-
 def _hierarchy(lines: list[tuple[int, list[str]]]) -> tuple[tuple[Joint, ...], int]:
     """Return the joints, and the number of lines up to MOTION."""
     joints: list[Joint] = []
@@ -196,8 +187,13 @@ Hand = tuple[int, dict[str, list[int]]]
 
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
-    """Read the hand of the options, else the right one; raises TrajectoryError."""
-    bvh = read_bvh(content.text)
+    """Read the hand of the options, else the right one; TrajectoryError with the line where it stops being BVH."""
+    text = content.text
+    lines = [(number, words) for number, line in enumerate(text.splitlines(), start=1) if (words := line.split())]
+    if not lines or lines[0][1][0].upper() != "HIERARCHY":
+        raise TrajectoryError("it does not begin with HIERARCHY; expected BVH motion capture")
+    joints, count = _hierarchy(lines[1:])
+    bvh = _motion(lines[1 + count :], joints, complete=text.endswith(("\n", "\r")))
     content.tell(*bvh.findings)
     found = {side: _hands(bvh.joints, _finger_lines(bvh.joints, side)) for side in (*SIDES, "")}
     found = {side: hands for side, hands in found.items() if hands}

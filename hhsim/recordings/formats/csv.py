@@ -28,7 +28,26 @@ def _read(content: Content, options: ReadOptions) -> Recording:
         raise InputError("a calibration of the Dexmo glove, but the file holds other columns than its channels")
     if options.columns is not None:
         return mapped(content, content.table, options.columns, options)
-    recording = _own(content, options)
+    table = content.table
+    fields, broken = csv_fields(table)
+    content.note(*table.notes)
+    content.unreadable(broken)
+    stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
+    if stated not in ("", str(count)):
+        content.note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost")
+    if FLAGS in fields:
+        fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
+    frame = FileFrame.of(options.world_up, options.mirror)
+    pose = frame.poses(fields["position"], fields["orientation"], options.palm_axes)
+    fields["position"], fields["orientation"] = pose
+    if "object_motion" in fields:
+        fields["object_motion"] = ObjectMotion(*frame.poses(*fields["object_motion"]))
+    elif POSE_SIZES.keys() & fields.keys():
+        place, turn = fields.get("object_position", np.zeros(3)), fields.get("object_orientation", np.eye(4)[0])
+        place, turn = frame.poses(place[None], turn[None])
+        fields |= {"object_position": place[0], "object_orientation": turn[0]}
+    content.unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
+    recording = Recording(**fields, form="hhsim csv", file_frame=frame)
     if recording.hand not in SIDES:
         return recording.changed(hand="")
     # The side that a remark names is part of the format.
@@ -49,30 +68,6 @@ def _write(content: Content, options: ReadOptions, made: Changes) -> bytes:
 def _make(suffix: str, recording: Recording) -> bytes:
     motion = {key: getattr(recording, key) for key in ("time", *MOTION, "hand")}
     return format_csv(Trajectory(**motion)).encode()
-
-
-def _own(content: Content, options: ReadOptions) -> Recording:
-    """Return the recording of a table with our own columns; TrajectoryError for others."""
-    table = content.table
-    fields, broken = csv_fields(table)
-    content.note(*table.notes)
-    content.unreadable(broken)
-    stated, count = table.remarks.get(SAMPLES, ""), len(table.rows)
-    if stated not in ("", str(count)):
-        content.note(f"{count} samples where the file says # {SAMPLES}: {stated}: some are lost")
-    if FLAGS in fields:
-        fields[FLAGS] = np.nan_to_num(fields[FLAGS]).clip(0.0, 2.0**32 - 1.0).astype(np.uint32)
-    frame = FileFrame.of(options.world_up, options.mirror)
-    pose = frame.poses(fields["position"], fields["orientation"], options.palm_axes)
-    fields["position"], fields["orientation"] = pose
-    if "object_motion" in fields:
-        fields["object_motion"] = ObjectMotion(*frame.poses(*fields["object_motion"]))
-    elif POSE_SIZES.keys() & fields.keys():
-        place, turn = fields.get("object_position", np.zeros(3)), fields.get("object_orientation", np.eye(4)[0])
-        place, turn = frame.poses(place[None], turn[None])
-        fields |= {"object_position": place[0], "object_orientation": turn[0]}
-    content.unused(dict.fromkeys(table.header), {*COLUMNS, *OBJECT_COLUMNS, PHASE, FLAGS})
-    return Recording(**fields, form="hhsim csv", file_frame=frame)
 
 
 FORMAT = RecordingFormat(

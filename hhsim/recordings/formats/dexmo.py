@@ -12,13 +12,11 @@ from hhsim.errors import InputError
 from hhsim.motion.csv_file import CSV_SUFFIX
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.recordings.column_map import ColumnMap, OrientationColumns, PositionColumns, TimeColumn, mapped
-from hhsim.recordings.dexmo_regression import CHANNELS, DexmoRegression
+from hhsim.recordings.dexmo_regression import CHANNELS, MOST_NORMALISED, DexmoRegression
 from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import Content, ReadOptions, RecordingFormat
 
 ALIAS = {"pinky_split": "little_split", "pinky_bend": "little_bend"}
-MOST_NORMALISED = 1.5
-"""Larger channels are raw counts."""
 
 
 def _read(content: Content, options: ReadOptions) -> Recording:
@@ -36,7 +34,7 @@ def _read(content: Content, options: ReadOptions) -> Recording:
     recording = mapped(content, table, columns, options, CHANNELS)
     readings = content.numbers(table, CHANNELS)
     calibration = options.dexmo or DexmoRegression.default()
-    if not calibration.counts_raw and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
+    if not calibration.in_counts and np.nanpercentile(np.abs(readings), 95.0) > MOST_NORMALISED:
         reached = np.nanmax(np.abs(readings))
         raise InputError(f"channels reach {reached:g}: raw counts; expected 0 to 1, or a calibration: --calibration")
     flexion, abduction = calibration.angles(readings)

@@ -16,9 +16,8 @@ or later, and its object stays where it was.
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from hhsim.motion.npz_arrays import read_npy
 from hhsim.motion.trajectory import HandSide
 from hhsim.recordings.content import NPY, Content, ReadOptions
 from hhsim.recordings.formats.keypoints import points_of
-from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, corrected_arrays, poses_of
+from hhsim.recordings.formats.mano import ANGLES, ManoPoses, chosen_names, poses_of
 from hhsim.recordings.joint_arrays import joints_of_rows
 from hhsim.recordings.object_poses import ObjectPoses, poses_in
 from hhsim.recordings.recording import SIDES
@@ -68,15 +67,12 @@ def _hands(names: Iterable[str]) -> dict[HandSide, dict[str, str]]:
 
 def _read(content: Content, options: ReadOptions) -> JointPositions:
     """Read the hand of the options, else the one of more samples; raises TrajectoryError."""
-    if content.head.startswith(NPY) and any(name in content.arrays for name in PROCESSED.values()):
-        return _of_joints(content.arrays, content, options)
-    content.name = content.name.removesuffix(".mano")
-    return _poses(content, options).joints(options)
-
-
-def _of_joints(arrays: Mapping[str, Any], content: Content, options: ReadOptions) -> JointPositions:
-    """Return the joints of a processed sequence, which need no model of the hand."""
+    arrays = content.arrays if content.head.startswith(NPY) else {}
     counts = {of: len(arrays[key]) for of, key in PROCESSED.items() if key in arrays}
+    if not counts:
+        content.name = content.name.removesuffix(".mano")
+        return _poses(content, options).joints(options)
+    # The joints of a processed sequence need no model of the hand.
     side = content.chosen_side(counts, options.hand)
     points = points_of(arrays[PROCESSED[side]], PROCESSED[side], content)
     poses = poses_in(arrays, len(points), options)
@@ -138,8 +134,6 @@ FORMAT = RecordingFormat(
     (".npy", ".npz", ".pkl"),
     lambda content, options: content.holds_dictionary or _is_pickled(content) or bool(_hands(content.array_names)),
     _read,
-    write=lambda content, options, made: content.with_arrays(
-        corrected_arrays(content.arrays, _poses(content, options), made, options)
-    ),
+    write=lambda content, options, made: _poses(content, options).corrected(content, options, made),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

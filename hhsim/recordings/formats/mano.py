@@ -242,6 +242,38 @@ class ManoPoses(NamedTuple):
             **self.more,
         )
 
+    def corrected(self, content: Content, options: ReadOptions, made: Changes) -> bytes:
+        """Return the content with pose, wrist's turn and translation changed: each joint turns with its bone.
+
+        Raises TrajectoryError for no model, InputError for a wrist that moves without a translation.
+        """
+        reading, rows, names, arrays = self.reading(options), made.rows, self.names, content.arrays
+        model, _ = self.model(options)
+        pose = self.pose[rows]
+        vectors = np.concatenate([self.rotation[rows], model.angles(pose, reading)], axis=1).reshape(-1, JOINTS, 3)
+        turns = rotation_matrix(quaternion(vectors))
+        world, _ = posed_tree(model.parents.tolist(), np.zeros((JOINTS, 3)), turns)
+        world = made.turn[:, np.argsort(KEYPOINT_JOINTS)] @ world
+        above = world[:, np.maximum(model.parents, 0)]
+        above[:, 0] = np.eye(3)
+        local = rotation_vector(quaternion_from_matrix(np.swapaxes(above, 2, 3) @ world)).reshape(-1, 3 * JOINTS)
+        rotation, angles = local[:, :3], local[:, 3:] - (model.mean if reading in MEAN else 0.0)
+        if reading.startswith("pca"):
+            angles = angles @ np.linalg.pinv(model.components[: pose.shape[1]])
+        new = {names[field]: numbers(arrays, names[field]) for field in FIELDS if field in names and field != "betas"}
+        flat = {field: new[name].reshape(len(new[name]), -1) for field, name in names.items() if name in new}
+        if "rotation" in flat:
+            flat["rotation"][rows], flat["pose"][rows] = rotation, angles
+        else:
+            flat["pose"][rows] = np.concatenate([rotation, angles], axis=1)
+        if "translation" in flat:
+            flat["translation"][rows] += made.shift[:, 0]
+        elif np.abs(made.shift[:, 0]).max(initial=0.0) > STILL:
+            raise InputError(
+                "the correction moves the wrist, and the file holds no translation: expected an array trans"
+            )
+        return content.with_arrays(new)
+
 
 def chosen_names(held: Iterable[str], fields: Mapping[str, Sequence[str]] = FIELDS) -> dict[str, str]:
     """Return the preferred one of the names that are there, of each field."""
@@ -274,48 +306,6 @@ def poses_of(
     betas = numbers(arrays, names["betas"]) if "betas" in names else np.zeros(0)
     betas = (betas[0] if betas.ndim == 2 and len(betas) else betas.ravel())[:SHAPES]
     return ManoPoses(rotation, pose, translation, betas, hand, names, usual, more)
-
-
-def corrected_arrays(
-    arrays: Mapping[str, Any], poses: ManoPoses, made: Changes, options: ReadOptions
-) -> dict[str, FloatArray]:
-    """Return the arrays of pose, wrist's turn and translation with the changes, by their names.
-
-    Raises TrajectoryError for no model, InputError for a wrist that moves without a translation.
-    """
-    reading, rows, names = poses.reading(options), made.rows, poses.names
-    model, _ = poses.model(options)
-    rotation, pose = _corrected(poses.rotation[rows], poses.pose[rows], reading, model, made)
-    new = {
-        names[field]: numbers(arrays, names[field]) for field in ("pose", "rotation", "translation") if field in names
-    }
-    flat = {field: new[name].reshape(len(new[name]), -1) for field, name in names.items() if name in new}
-    if "rotation" in flat:
-        flat["rotation"][rows], flat["pose"][rows] = rotation, pose
-    else:
-        flat["pose"][rows] = np.concatenate([rotation, pose], axis=1)
-    if "translation" in flat:
-        flat["translation"][rows] += made.shift[:, 0]
-    elif np.abs(made.shift[:, 0]).max(initial=0.0) > STILL:
-        raise InputError("the correction moves the wrist, and the file holds no translation: expected an array trans")
-    return new
-
-
-def _corrected(
-    rotation: FloatArray, pose: FloatArray, reading: str, model: ManoModel, made: Changes
-) -> tuple[FloatArray, FloatArray]:
-    """Turn each joint with its bone: the wrist's rotation vectors, shape (N, 3), and poses, shape (N, n)."""
-    vectors = np.concatenate([rotation, model.angles(pose, reading)], axis=1).reshape(-1, JOINTS, 3)
-    parents = model.parents.tolist()
-    world, _ = posed_tree(parents, np.zeros((JOINTS, 3)), rotation_matrix(quaternion(vectors)))
-    world = made.turn[:, np.argsort(KEYPOINT_JOINTS)] @ world
-    above = world[:, np.maximum(model.parents, 0)]
-    above[:, 0] = np.eye(3)
-    local = rotation_vector(quaternion_from_matrix(np.swapaxes(above, 2, 3) @ world)).reshape(-1, 3 * JOINTS)
-    turned, angles = local[:, :3], local[:, 3:] - (model.mean if reading in MEAN else 0.0)
-    if reading.startswith("pca"):
-        angles = angles @ np.linalg.pinv(model.components[: pose.shape[1]])
-    return turned, angles
 
 
 HANDS: dict[str, HandSide] = {"0": "left", "1": "right"}
@@ -404,8 +394,6 @@ FORMAT = RecordingFormat(
     (".npz", ".jsonl"),
     _sniff,
     lambda content, options: _poses(content, options).joints(options),
-    write=lambda content, options, made: content.with_arrays(
-        corrected_arrays(content.arrays, _poses(content, options), made, options)
-    ),
+    write=lambda content, options, made: _poses(content, options).corrected(content, options, made),
     mano=lambda content, options: _poses(content, options).parameters(options),
 )

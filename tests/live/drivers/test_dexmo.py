@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
 from hhsim.live.device import GLOVE_SAMPLE, DeviceError, FingerCommand
-from hhsim.live.drivers.calibration import doubtful_channels, glove_calibration, hand_angles, in_counts
 from hhsim.live.drivers.dexmo import (
     CHANNELS,
     MOST_MALFORMED,
@@ -32,6 +31,7 @@ from hhsim.live.drivers.dexmo import (
     decode_frame,
     encode_impedance,
     framed,
+    glove_calibration,
 )
 from hhsim.live.gloves import DexmoOptions, configure, open_device
 from hhsim.recordings.dexmo_regression import BEND, DexmoRegression
@@ -401,7 +401,7 @@ def test_nothing_that_is_not_finite_comes_out_of_broken_frames() -> None:
                 rows = out[: glove.read(out)]
                 assert np.isfinite(rows["flexion"]).all() and np.isfinite(rows["abduction"]).all()
                 channels = rows["channels"][rows["good"], :11]
-                assert np.isfinite(channels).all() and (np.abs(channels[:, list(BEND)]) <= 1.5).all()
+                assert np.isfinite(channels).all() and (np.abs(channels[:, BEND]) <= 1.5).all()
                 found.update(good=len(channels), bad=len(rows) - len(channels))
         except DeviceError:
             found["gone"] += 1
@@ -433,7 +433,7 @@ def test_channels_that_say_little_are_named_and_their_fingers_kept_free(tmp_path
     high = HIGH.copy()
     for name, span in ends.items():
         high[OURS.index(name)] = LOW[OURS.index(name)] + span
-    doubtful, kept_free = doubtful_channels(load(written(tmp_path, LOW, high)))
+    doubtful, kept_free = load(written(tmp_path, LOW, high)).doubtful()
     assert doubtful == (
         "index_split spans 37 counts of 4095: it says little",
         "middle_split spans 20 counts of 4095: it says little",
@@ -448,10 +448,10 @@ def test_channels_that_say_little_are_named_and_their_fingers_kept_free(tmp_path
 )
 def test_our_file_is_for_what_its_ends_are_in(tmp_path: Path, low: FloatArray, high: FloatArray, other: float) -> None:
     calibration = load(written(tmp_path, low, high))
-    found = hand_angles(calibration, high)
+    found = calibration.hand_angles(high)
     assert found is not None and np.allclose(found[0], DEFAULT.angles(np.ones(11))[0])
-    assert hand_angles(calibration, np.full(11, other)) is None and hand_angles(load(None), LOW) is None
-    assert in_counts(calibration) == (high is HIGH)
+    assert calibration.hand_angles(np.full(11, other)) is None and load(None).hand_angles(LOW) is None
+    assert calibration.in_counts == (high is HIGH)
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:

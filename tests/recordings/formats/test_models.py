@@ -18,10 +18,11 @@ from scipy.spatial.transform import Rotation
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.hand.model import HandModel
+from hhsim.motion.npz_arrays import read_npz
 from hhsim.recordings.column_map import JOINT_NAMES
-from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression, parse_calibration
+from hhsim.recordings.dexmo_regression import BEND, CHANNELS, DexmoRegression, read_calibration
 from hhsim.recordings.formats.bvh import finger_of, side_of
-from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, corrected_arrays, poses_of, read_mano_model
+from hhsim.recordings.formats.mano import KEYPOINT_JOINTS, TIPS, poses_of, read_mano_model
 from hhsim.recordings.registry import Changes, Content, ReadOptions, format_of, read_recording
 
 CLEAN = smooth_recording(25, jitter=0.0).changed(abduction=np.zeros((25, 5)))
@@ -187,7 +188,7 @@ def test_a_wrist_that_moves_needs_a_translation(tmp_path: Path) -> None:
     def corrected(made: Changes, **more: Any) -> dict[str, Any]:
         content = Content(data=arrays_npz(poses=np.zeros((2, 48)), **more))
         names = {"pose": "poses"} | ({"translation": "trans"} if more else {})
-        return corrected_arrays(content.arrays, poses_of(content, names, "right"), made, options)
+        return read_npz(poses_of(content, names, "right").corrected(content, options, made))
 
     with pytest.raises(InputError, match="the file holds no translation: expected an array trans"):
         corrected(made)
@@ -293,8 +294,9 @@ index_flex2 = {{ offset = 2.0, index_bend = 98.0 }}
 
 
 def test_raw_counts_need_a_calibration(run: Run, tmp_path: Path) -> None:
-    glove = parse_calibration(CALIBRATION, where="glove.toml")
-    assert glove.counts_raw and not DEFAULT.counts_raw
+    (tmp_path / "glove.toml").write_text(CALIBRATION)
+    glove = read_calibration(tmp_path / "glove.toml")
+    assert glove.in_counts and not DEFAULT.in_counts
     row = JOINT_NAMES.index("index_flex2")
     assert np.degrees(glove.offset[row]) == pytest.approx(2.0)
     assert np.degrees(glove.slope[row, 4]) == pytest.approx(98.0)
@@ -303,7 +305,6 @@ def test_raw_counts_need_a_calibration(run: Run, tmp_path: Path) -> None:
     names = ",".join(name.replace("little", "pinky") for name in CHANNELS)
     rows = (f"{0.01 * k},{','.join(map(repr, row))}" for k, row in enumerate((LOW + channels * (HIGH - LOW)).tolist()))
     (tmp_path / "session.csv").write_text("\n".join([f"time,{names}", *rows]) + "\n")
-    (tmp_path / "glove.toml").write_text(CALIBRATION)
     code, out, err = run("import", "session.csv")
     assert (code, out) == (2, "") and "raw counts; expected 0 to 1, or a calibration: --calibration" in err
     recording = read_recording(tmp_path / "session.csv", ReadOptions(dexmo=glove))
