@@ -104,7 +104,7 @@ def seen_scene(scene: Scene) -> SeenScene:
     world = [_poses(one, scene.ticks.tick_count) for one in solids]
     values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
     joints = {name: of for name, of in values.items() if of is not None}
-    if moved is not None and not all(one.name in joints or _goes_along(one, moved) for one in solids):
+    if moved is not None and not all(one.name in joints or _goes_along(at, moved) for one, at in zip(solids, world)):
         carrier = moved = None
     begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
     mesh = placed_mesh([one.mesh for one in solids], begin, scene.name)
@@ -130,9 +130,8 @@ def _poses(body: Body, count: int) -> ObjectMotion:
     return ObjectMotion(np.tile(body.position, (count, 1)), np.tile(body.orientation, (count, 1)))
 
 
-def _goes_along(body: Body, along: RigidMotion) -> bool:
+def _goes_along(poses: ObjectMotion, along: RigidMotion) -> bool:
     """Return True if a body stands still in a moving frame."""
-    poses = _poses(body, len(along.turn))
     seen = along.seen_points(poses.position), along.seen_orientations(poses.orientation)
     return all(bool((np.abs(values - values[0]) < STRAY).all()) for values in seen)
 
