@@ -7,6 +7,9 @@ import numpy as np
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.quaternion import conjugate, quaternion, quaternion_product, rotation_vector
 
+SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
+"""Shapes of a single configuration."""
+
 
 class HandConfiguration(NamedTuple):
     """Configurations of a hand, one per tick or sample, world frame; a single one has no T."""

@@ -206,7 +206,11 @@ class _Model:
         kind, (a, b, c) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
         with named(f"geom '{self._geom(geom)}'"):
             if kind == kinds.mjGEOM_MESH:
-                vertices, faces = self._mesh(int(model.geom_dataid[geom]))
+                mesh = int(model.geom_dataid[geom])
+                first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+                vertices = np.array(model.mesh_vert[first : first + count], np.float64)
+                first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+                faces = np.array(model.mesh_face[first : first + count], np.int64)
             elif kind == kinds.mjGEOM_BOX:
                 vertices, faces = box([2.0 * a, 2.0 * b, 2.0 * c])
             elif kind == kinds.mjGEOM_CYLINDER:
@@ -221,13 +225,6 @@ class _Model:
                 raise InputError(f"its type is {word}; expected mesh, box, cylinder, capsule, sphere or ellipsoid")
             required_shape(vertices)
         return _frame(model.geom_quat[geom], model.geom_pos[geom]).points(vertices), faces
-
-    def _mesh(self, mesh: int) -> Triangles:
-        model = self.model
-        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
-        start, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-        vertices = np.array(model.mesh_vert[first : first + count], np.float64)
-        return vertices, np.array(model.mesh_face[start : start + faces], np.int64)
 
     def inertial(self, body: int) -> Inertial | None:
         model = self.model

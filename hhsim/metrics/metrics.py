@@ -49,7 +49,6 @@ class Statistics:
     mean: float
     std: float
     max: float
-    count: int
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,6 @@ class TickStatistics:
     p99: float
     max: float
     over_budget: float
-    count: int
 
 
 def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
@@ -70,8 +68,8 @@ def statistics(values: ArrayLike, mask: BoolArray | None = None) -> Statistics:
         array = array[mask]
     defined = array[~np.isnan(array)]
     if defined.size == 0:
-        return Statistics(np.nan, np.nan, np.nan, 0)
-    return Statistics(float(defined.mean()), float(defined.std()), float(defined.max()), defined.size)
+        return Statistics(np.nan, np.nan, np.nan)
+    return Statistics(float(defined.mean()), float(defined.std()), float(defined.max()))
 
 
 def penetration(surface: Any, shape: HandShape, placed: PlacedHand, fingers: ArrayLike | None = None) -> Penetration:
@@ -234,10 +232,9 @@ def tick_statistics(duration: ArrayLike) -> TickStatistics:
     """Compute p50, p99 and maximum [µs] of durations (T,) [ns], interpolated, and share over 1 ms; NaN for no ticks."""
     array = np.asarray(duration, dtype=np.float64).ravel()
     if array.size == 0:
-        return TickStatistics(np.nan, np.nan, np.nan, np.nan, 0)
+        return TickStatistics(np.nan, np.nan, np.nan, np.nan)
     p50, p99 = np.percentile(array, [50.0, 99.0]) / 1e3
-    over = float(np.mean(array > TICK_BUDGET))
-    return TickStatistics(float(p50), float(p99), float(array.max()) / 1e3, over, array.size)
+    return TickStatistics(float(p50), float(p99), float(array.max()) / 1e3, float(np.mean(array > TICK_BUDGET)))
 
 
 def _rate(values: FloatArray, floor: float) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import BoolArray
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.configuration import SHAPES, HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.kernels.hand.pose import is_finite_configuration
@@ -68,11 +68,8 @@ def still(
     ticks: int = 1,
 ) -> HandConfiguration:
     """Repeat one configuration for some ticks; a single number is the angle of every joint."""
-    shapes = ((3,), (4,), (5, 3), (5,))
-    values = (
-        np.broadcast_to(np.asarray(value, np.float64), shape)
-        for value, shape in zip((position, orientation, flexion, abduction), shapes, strict=True)
-    )
+    given = zip((position, orientation, flexion, abduction), SHAPES.values(), strict=True)
+    values = (np.broadcast_to(np.asarray(value, np.float64), shape) for value, shape in given)
     return HandConfiguration(*(np.repeat(value[None], ticks, axis=0) for value in values))
 
 

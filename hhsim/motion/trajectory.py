@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from hhsim.arrays import Flags, FloatArray, IntArray
 from hhsim.errors import InputError, TrajectoryError
+from hhsim.hand.configuration import SHAPES
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.quaternion import conjugate, quaternion_product, rotation_matrix
 from hhsim.motion import resample
@@ -299,7 +300,7 @@ class Trajectory:
         check_finite("time", time)
         check_increasing(time)
         checked = {"time": time}
-        for label, tail in (("position", (3,)), ("orientation", (4,)), ("flexion", (5, 3)), ("abduction", (5,))):
+        for label, tail in SHAPES.items():
             checked[label] = _rows(label, getattr(self, label), time, tail)
         checked["orientation"] = continuous_orientation(checked["orientation"], time)
         for label in ("flexion", "abduction"):

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.configuration import SHAPES, HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.reproducible import norm
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.workspace import TickWorkspace
 
-SHAPES = {"position": (3,), "orientation": (4,), "flexion": (5, 3), "abduction": (5,)}
-"""Shapes of a hand's configuration."""
 NATIVE = 1
 """Index of the method's own time among the durations of a tick: the optimisation of the whole hand."""
 MOST_WORK = 10**12

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.arrays import Records
-from hhsim.hand.configuration import HandConfiguration
+from hhsim.hand.configuration import SHAPES, HandConfiguration
 from hhsim.hand.self_pairs import cross_pairs
 from hhsim.kernels.contact.hand_pairs import hands_distance
 from hhsim.kernels.hand.pose import update_kinematics
@@ -32,7 +32,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.hand_solver import START_LINEARISATIONS, HandSolver, WarmUp, distances_of, shift_until, warm_up
 from hhsim.solver.method import find_method
 from hhsim.solver.options import PARTS, SolverOptions, require_options
-from hhsim.solver.workspace import HAPTIC_SHAPES, TickWorkspace, tick_record, zeroed
+from hhsim.solver.workspace import TickWorkspace, tick_record, zeroed
 from hhsim.solver.world_engine import WorldEngine, seen_ticks
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.sphere_tree import SphereTree
@@ -104,7 +104,7 @@ def seen_scene(scene: Scene) -> SeenScene:
     world = [_poses(one, scene.ticks.tick_count) for one in solids]
     values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
     joints = {name: of for name, of in values.items() if of is not None}
-    if moved is not None and not all(one.name in joints or _goes_along(one, moved) for one in solids):
+    if moved is not None and not all(one.name in joints or _goes_along(at, moved) for one, at in zip(solids, world)):
         carrier = moved = None
     begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
     mesh = placed_mesh([one.mesh for one in solids], begin, scene.name)
@@ -130,9 +130,8 @@ def _poses(body: Body, count: int) -> ObjectMotion:
     return ObjectMotion(np.tile(body.position, (count, 1)), np.tile(body.orientation, (count, 1)))
 
 
-def _goes_along(body: Body, along: RigidMotion) -> bool:
+def _goes_along(poses: ObjectMotion, along: RigidMotion) -> bool:
     """Return True if a body stands still in a moving frame."""
-    poses = _poses(body, len(along.turn))
     seen = along.seen_points(poses.position), along.seen_orientations(poses.orientation)
     return all(bool((np.abs(values - values[0]) < STRAY).all()) for values in seen)
 
@@ -357,7 +356,7 @@ class OneTick:
     def __init__(self, solver: SceneSolver) -> None:
         self._solver, self._begun = solver, False
         hands, bodies = len(solver.hands), 0 if solver.seen.free is None else len(solver.scene.solids)
-        self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in HAPTIC_SHAPES))
+        self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in SHAPES.values()))
         self.haptic.orientation[..., 0] = 1.0
         self.record = tick_record(hands, 1)
         self.row = zeroed(bodies_row(bodies))

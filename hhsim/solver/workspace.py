@@ -58,8 +58,6 @@ def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> t
 FORCE_MODELS = {"kkt": FORCE_KKT, "paper": FORCE_PAPER}
 RELAXATION = 100.0
 """Number of tolerances by which contradicting rows are relaxed."""
-HAPTIC_SHAPES = ((3,), (4,), (5, 3), (5,))
-"""Shapes of what a `HapticBlock` has of each tick."""
 HELPER = "hhsim-helper"
 """Start of the helpers' names."""
 

@@ -61,7 +61,13 @@ def machine() -> dict[str, str | int]:
     # Affinity of the process: a thread may be pinned to one core (`hhsim.system.thread_pool`).
     cores = len(own_processors())
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
-    return {"cpu": _cpu_name(), "cores": cores, "system": system, "python": platform.python_version()}
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    cpu = found[1].strip() if found else platform.processor() or platform.machine() or UNKNOWN
+    return {"cpu": cpu, "cores": cores, "system": system, "python": platform.python_version()}
 
 
 def package_versions() -> dict[str, str]:
@@ -90,15 +96,6 @@ def revision() -> dict[str, Any]:
         return unknown
     dirty = any(not line.startswith("#") for line in status.strip().splitlines())
     return {"commit": commit.group(1), "dirty": dirty}
-
-
-def _cpu_name() -> str:
-    try:
-        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
-    except OSError:
-        text = ""
-    found = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
-    return found.group(1).strip() if found else platform.processor() or platform.machine() or UNKNOWN
 
 
 def _requirements() -> list[tuple[str, str]]:

@@ -171,7 +171,7 @@ def test_joints_refuse_other_arrays(flexion: ArrayLike, words: str) -> None:
 
 
 def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
-    hand = HandModel.default().arrays()
+    hand = RIGHT.arrays()
     center = np.stack([hand.palm_x, hand.palm_y, hand.palm_z])
     assert hand.palm_group_start[0] == 0 and hand.palm_group_start[-1] == len(hand.palm_radius)
     for group, (first, last) in enumerate(zip(hand.palm_group_start, hand.palm_group_start[1:])):
@@ -184,14 +184,13 @@ def test_a_sphere_of_a_group_encloses_the_spheres_of_the_group() -> None:
 
 
 def test_joints_are_those_of_the_model() -> None:
-    hand, rng = HandModel.default(), np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     position = rng.normal(size=(4, 3))
     orientation = Rotation.random(4, rng=1).as_quat(scalar_first=True)
     flexion, abduction = rng.uniform(0.0, 1.0, (4, 5, 3)), rng.uniform(-0.1, 0.1, (4, 5))
-    placed = forward_kinematics(hand, position, orientation, flexion, abduction)
-    for t in range(4):
-        expected = hand.joints(position[t], orientation[t], flexion[t], abduction[t])
-        assert np.array_equal(placed.joints[t], expected)
+    placed = forward_kinematics(RIGHT, position, orientation, flexion, abduction)
+    for t, pose in enumerate(zip(position, orientation, flexion, abduction)):
+        assert np.array_equal(placed.joints[t], RIGHT.joints(*pose))
     assert np.array_equal(placed.points[:, 20], position)
     assert np.array_equal(placed.points[2, 7], placed.joints[2, 1, 3])
     assert np.array_equal(placed.ends[1, :5], placed.joints[1, :, 3])
@@ -204,9 +203,7 @@ def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
     fingers = {finger: {key: getattr(hand, key)[f] for key in keys} for f, finger in enumerate(FINGERS)}
     text = format_hand_file(hand.hand_length, hand.hand_breadth, fingers, "a remark\nof two lines")
     assert text.startswith("# a remark of two lines\nhand_length = 0.175\n") and text.isascii()
-    path = tmp_path / "hand.toml"
-    path.write_text(text)
-    again = HandModel.from_toml(path)
+    again = HandModel.from_toml(written(tmp_path, text))
     for key in keys:
         assert np.abs(getattr(again, key) - getattr(hand, key)).max() < 1e-6, key
     assert again.hand_breadth == round(hand.hand_breadth, 6)
@@ -216,8 +213,7 @@ def test_a_hand_is_read_as_it_was_written(tmp_path: Path) -> None:
     ("text", "what"), [('<?xml version="1.0"?>\n<robot name="r"/>', "URDF"), ("<mujoco/>", "MJCF")]
 )
 def test_the_file_of_a_robots_hand_is_named(tmp_path: Path, text: str, what: str) -> None:
-    path = tmp_path / "robot.urdf"
-    path.write_text(text)
+    path = written(tmp_path, text)
     with pytest.raises(InputError, match=re.escape(f"{path}: a {what}, which is of a robot's hand")):
         HandModel.from_toml(path)
 

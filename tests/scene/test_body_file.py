@@ -233,8 +233,7 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, tmp_path: Path) -> None:
     text, expected = FAULTS[fault]
-    path = tmp_path / "bodies.toml"
-    path.write_text(text)
+    path = written(tmp_path, text)
     with pytest.raises(HhsimError) as raised:
         load_object(path)
     message = str(raised.value)
@@ -244,9 +243,7 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
 
 
 def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_path: Path) -> None:
-    path = tmp_path / "bodies.toml"
-    path.write_text(BASE + LID)
-    values = load_object(path).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
+    values = load_object(written(tmp_path, BASE + LID)).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
     assert list(values) == ["lid"]
     assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
 
@@ -258,9 +255,7 @@ def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) ->
     (tmp_path / "lid.csv").write_text("t,angle\n0.0,0.0\n1.0,1.5\n")
     np.savez(tmp_path / "lid.npz", t=[0.0, 1.0], angle=[0.0, 1.5])
     for file in ("lid.csv", "lid.npz"):
-        path = tmp_path / "bodies.toml"
-        path.write_text(RECORDED.format(file))
-        assert load_object(path).values(np.array([0.5]))["lid"] == 0.75
+        assert load_object(written(tmp_path, RECORDED.format(file))).values(np.array([0.5]))["lid"] == 0.75
 
 
 ROWS = RECORDED.replace('"angle"', "0, rate = 30.0")
@@ -271,9 +266,9 @@ def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> N
     rows[:, 0] = np.linspace(0.0, 1.5, 31)
     rows[:, 4:] = [1500.0, -900.0, 1200.0]
     np.save(tmp_path / "box.object.npy", rows)
-    path = tmp_path / "bodies.toml"
-    path.write_text(ROWS.format("box.object.npy"))
-    values = load_object(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0]))["lid"]
+    values = load_object(written(tmp_path, ROWS.format("box.object.npy"))).values(
+        np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0])
+    )["lid"]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
 
 
@@ -283,16 +278,13 @@ NAMED = RECORDED.replace('"angle"', '"params/obj_arti", rate = 30.0')
 def test_an_articulation_in_nested_dictionaries_is_named_by_its_keys(tmp_path: Path) -> None:
     held = {"params": {"obj_arti": np.linspace(0.0, 1.5, 31, dtype=np.float32), "obj_rot": np.zeros((31, 3))}}
     np.save(tmp_path / "box.npy", np.array(held, dtype=object))
-    path = tmp_path / "bodies.toml"
-    path.write_text(NAMED.format("box.npy"))
-    values = load_object(path).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))["lid"]
+    values = load_object(written(tmp_path, NAMED.format("box.npy"))).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))[
+        "lid"
+    ]
     assert values == pytest.approx([0.0, 0.025, 0.75, 1.5], abs=1e-6)
-    path.write_text(NAMED.replace("obj_arti", "arti").format("box.npy"))
-    with pytest.raises(InputError, match=r"box\.npy: .*params/arti.*params/obj_arti"):
-        load_object(path)
-    path.write_text(NAMED.replace("obj_arti", "obj_rot").format("box.npy"))
-    with pytest.raises(InputError, match=r"box\.npy: shapes \(31,\) and \(31, 3\)"):
-        load_object(path)
+    for name, said in (("arti", ".*params/arti.*params/obj_arti"), ("obj_rot", r"shapes \(31,\) and \(31, 3\)")):
+        with pytest.raises(InputError, match=rf"box\.npy: {said}"):
+            load_object(written(tmp_path, NAMED.replace("obj_arti", name).format("box.npy")))
 
 
 RECORDED_FAULTS: dict[str, tuple[Any, str, str]] = {
@@ -321,10 +313,8 @@ def test_a_fault_of_a_recorded_motion_names_its_file(fault: str, tmp_path: Path)
         np.save(file, content)
     elif content is not None:
         file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    path = tmp_path / "bodies.toml"
-    path.write_text(text.format(file.name))
     with pytest.raises(InputError) as raised:
-        load_object(path)
+        load_object(written(tmp_path, text.format(file.name)))
     message = str(raised.value)
     assert message.startswith(f"{file}: ")
     assert expected in message
@@ -343,8 +333,7 @@ def test_a_fault_of_a_recorded_motion_names_its_file(fault: str, tmp_path: Path)
     ],
 )
 def test_rows_are_named_by_number_and_rate_and_tables_by_names(file: str, keys: str, tmp_path: Path) -> None:
-    path = tmp_path / "bodies.toml"
-    path.write_text(RECORDED.replace('column = "angle"', keys).format(file))
+    path = written(tmp_path, RECORDED.replace('column = "angle"', keys).format(file))
     with pytest.raises(InputError) as raised:
         load_object(path)
     rows = file.endswith("npy")

@@ -17,9 +17,8 @@ from hhsim.hand.self_pairs import self_clearance, self_pairs
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, STATUS_START_INSIDE, STATUS_STUCK
 from hhsim.kernels.world.record import WorldRecord
-from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import distance_of_hands, hand_clearance
+from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.scene.body import Body
 from hhsim.solver.hand_solver import HandSolver
@@ -99,6 +98,15 @@ def ball(leaves: int) -> tuple[Mesh, SphereTree, dict[str, Any]]:
     return mesh, tree, {"mesh": contact_surface("mesh", mesh, None).arrays, "spheres": tree.arrays()}
 
 
+def least_clearance(hand: HandModel, leaves: int, surface: str, record: TickRecord) -> float:
+    """Least distance of a record's hand to such a ball, by code of its own [m]."""
+    mesh, tree, _ = ball(leaves)
+    if surface == "spheres":
+        return float(record_clearance(hand, tree, record).min())
+    shown = PlacedHand(record.joints, record.position, record.orientation)
+    return float(TrueSurface(mesh).clearances(hand_shape(hand), shown, 1e-3).min())
+
+
 @pytest.mark.parametrize("surface", EITHER)
 def test_where_nothing_meets_every_byte_is_as_without(surface: str) -> None:
     _, _, beside = ball(150)
@@ -148,15 +156,12 @@ def test_crossed_fingers_that_are_pressed_together_come_to_rest(moves: bool) -> 
 @pytest.mark.parametrize("seed", sampled(range(20), lambda seed, _: seed == 0))
 def test_random_ticks_never_enter_hand_or_object(seed: int, surface: str) -> None:
     random = np.random.default_rng(seed)
-    (mesh, tree, beside), motion = ball(60), random_targets(RIGHT, 500, random, hold=20)
-    record = run(motion, beside=beside, surface=surface)
+    motion = random_targets(RIGHT, 500, random, hold=20)
+    record = run(motion, beside=ball(60)[2], surface=surface)
     assert clearance(RIGHT, motion).min() < -2e-3
     assert clearance(RIGHT, record).min() >= 0.0
-    if surface == "spheres":
-        assert record_clearance(RIGHT, tree, record).min() >= 0.0
-    else:
-        shown = PlacedHand(record.joints, record.position, record.orientation)
-        assert -CLOSE < TrueSurface(mesh).clearances(hand_shape(RIGHT), shown, 1e-3).min() < 1e-5
+    least = least_clearance(RIGHT, 60, surface, record)
+    assert least >= 0.0 if surface == "spheres" else -CLOSE < least < 1e-5
 
 
 EDGE = 0.04
@@ -262,20 +267,6 @@ def apart(hands: Any) -> FloatArray:
     return distance_of_hands(HANDS, [forward_kinematics(hand, *one) for hand, one in zip(HANDS, at)])
 
 
-def ball_of(surface: str, leaves: int) -> Any:
-    """Arrays of a ball of triangles, or of so many spheres."""
-    if surface == "mesh":
-        return contact_surface("mesh", load_object("sphere").mesh, None).arrays
-    return bumpy_ball(leaves).arrays()
-
-
-def least_clearance(hand: HandModel, surface: Any, record: TickRecord) -> float:
-    """Least distance of a hand of a record to a surface [m]."""
-    shown = HandConfiguration(record.position, record.orientation, record.flexion, record.abduction)
-    palm, fingers = hand_clearance(surface, hand_shape(hand), forward_kinematics(hand, *shown), limit=1.0)
-    return float(min(palm.min(), fingers.min()))
-
-
 def mirrored(motion: HandConfiguration) -> HandConfiguration:
     return motion._replace(position=motion.position * FLIP, orientation=motion.orientation * [1.0, 1.0, -1.0, -1.0])
 
@@ -311,13 +302,13 @@ def test_hands_commanded_through_each_other_touch_and_push_alike(options: dict[s
 @pytest.mark.quick("mesh")
 @pytest.mark.parametrize("surface", ["mesh", "spheres"])
 def test_where_the_hands_are_far_every_byte_is_that_of_each_alone(surface: str) -> None:
-    ball = ball_of(surface, 150)
+    beside = ball(150)[2][surface]
     near = still([0.0, -0.045, 0.056]).line(still([0.0, -0.045, 0.04]), 119).hold(20)
     motions = near, HandConfiguration(near.position * [1.0, 1.0, -1.0], *near[1:])
-    together = run_both(motions, ball)
+    together = run_both(motions, beside)
     assert apart(together).min() > 0.0
     for hand, motion, record in zip(HANDS, motions, together):
-        alone = HandSolver(hand, ball, options_at(ball)).run(*motion)
+        alone = HandSolver(hand, beside, options_at(beside)).run(*motion)
         assert np.abs(alone.total).max() > 1.0
         for name in UNTIMED:
             assert getattr(record, name).tobytes() == getattr(alone, name).tobytes(), name
@@ -345,15 +336,12 @@ def random_hands(seed: int, ticks: int) -> Pair:
 @pytest.mark.parametrize("surface", ["mesh", "spheres"])
 @pytest.mark.parametrize("seed", range(20))
 def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> None:
-    ball, motions = ball_of(surface, 60), random_hands(seed, 300)
+    motions = random_hands(seed, 300)
     options: dict[str, Any] = {"self_contact": True} if seed % 2 else {}
-    records = run_both(motions, ball, **options)
+    records = run_both(motions, ball(60)[2][surface], **options)
     assert apart(motions).min() < -5e-3
     assert apart(records).min() >= 0.0
     for hand, record in zip(HANDS, records):
-        if surface == "spheres":
-            assert record_clearance(hand, bumpy_ball(60), record).min() >= 0.0
-        else:
-            assert least_clearance(hand, ball, record) >= 0.0
+        assert least_clearance(hand, 60, surface, record) >= (0.0 if surface == "spheres" else -CLOSE)
         if options:
             assert self_clearance(hand, self_pairs(hand), record.flexion, record.abduction).min() >= 0.0
