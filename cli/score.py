@@ -84,8 +84,8 @@ def _field(
     """Print the figures of the field of a repaired recording; returns the exit code."""
     from hhsim.linkage.file import resolve_object
     from hhsim.metrics.field.field_table import field_table, to_json
+    from hhsim.repair.repair import field_score
     from hhsim.repair.request import MAX_CORRECTION
-    from hhsim.repair.score import field_score
 
     if thing.object is None:
         raise click.UsageError(NO_OBJECT)

@@ -1,6 +1,5 @@
 """Faults planted in results of all kinds, each with the check that names it: in every dataset, figure and label."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 from body_tables import TABLE, body, body_file
-from file_faults import Fault, at, attribute, forge_scene, of_properties, of_scene, with_name
+from file_faults import Fault, at, attribute, forge_properties, forge_scene, of_properties, of_scene, with_name
 from free_scenes import free_result
 from planted_faults import HOLD, UNMARKED
 from short_grasp import result_of
@@ -190,13 +189,7 @@ def invented_dataset(file: h5py.File) -> None:
 
 def of_body(name: str, body: str, change: Callable[[dict[str, Any]], object]) -> Fault:
     """Change the physical properties, or the joint, of a body."""
-
-    def fault(file: h5py.File) -> None:
-        properties = json.loads(file[f"bodies/{body}"].attrs["properties"])
-        change(properties)
-        file[f"bodies/{body}"].attrs["properties"] = json.dumps(properties)
-
-    return with_name(name, fault)
+    return with_name(name, lambda file: forge_properties(file, change, body))
 
 
 def frozen(name: str, body: str, *columns: str) -> Fault:

@@ -48,8 +48,9 @@ def of_properties(name: str, change: Callable[[dict[str, Any]], object]) -> Faul
     return with_name(name, lambda file: forge_properties(file, change))
 
 
-def forge_properties(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> None:
-    body = file["bodies"][json.loads(file["bodies"].attrs["names"])[0]]
+def forge_properties(file: h5py.File, change: Callable[[dict[str, Any]], object], name: str = "") -> None:
+    """Change the physical properties, or the joint, of a body, of the first one without a name."""
+    body = file["bodies"][name or json.loads(file["bodies"].attrs["names"])[0]]
     properties = json.loads(body.attrs["properties"])
     change(properties)
     body.attrs["properties"] = json.dumps(properties)

@@ -222,8 +222,7 @@ def with_inside(mesh: Mesh, unit_length: float = 1.0, hint: str = "", solid: boo
     if solid is None:
         from hhsim.mesh.own_triangles import own_triangles
 
-        own = own_triangles(mesh.vertices, mesh.faces, mesh.source, unit_length)
-        return replace(mesh, **own._asdict()).scaled(unit_length)
+        return own_triangles(mesh, unit_length).scaled(unit_length)
     turned, said = turned_triangles(mesh.vertices, mesh.faces)
     if turned.any():
         faces = np.where(turned[:, None], mesh.faces[:, ::-1], mesh.faces)

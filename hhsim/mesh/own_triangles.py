@@ -6,7 +6,8 @@ flat: its distance is that of a sheet, to both sides. Sheets are in the mesh onc
 around nothing.
 """
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,34 +31,23 @@ from hhsim.mesh.solidify import tell_assumed
 from hhsim.reproducible import dot
 from hhsim.system.counted import counted
 
+if TYPE_CHECKING:
+    from hhsim.mesh.mesh import Mesh
+
 FEWEST_OF_SOLID = 4
 """Parts of fewer triangles enclose nothing."""
 DEEP = 0.75
 """Winding number above which a point of a sheet lies inside the solid."""
 
 
-class CoveredSurface(NamedTuple):
-    """Triangles of a file to cover, and their shell, None of a solid, in the file's unit.
-
-    What was repaired or assumed, and suspicions, are sentences.
-    """
-
-    vertices: FloatArray  # (V, 3)
-    faces: IntArray  # (F, 3)
-    shell: topology.Shell | None
-    repairs: tuple[str, ...]
-    warnings: tuple[str, ...] = ()
-
-
-def own_triangles(
-    given_vertices: FloatArray, given_faces: IntArray, name: str, unit_length: float = 1.0
-) -> CoveredSurface:
-    """Return the triangles of any mesh, (V, 3) and (F, 3), each once, and a shell unless they are a solid.
+def own_triangles(mesh: "Mesh", unit_length: float = 1.0) -> "Mesh":
+    """Return any mesh, in a unit of so many metres, with each of its triangles once, and a shell unless it is a solid.
 
     A mesh that a safe repair closes without a change of its triangles becomes that solid. Raises MeshError, which
-    begins with the name, where no triangle has an area.
+    begins with the mesh's source, where no triangle has an area.
     """
-    vertices, faces = topology.merged_vertices(given_vertices, given_faces)
+    name = mesh.source
+    vertices, faces = topology.merged_vertices(mesh.vertices, mesh.faces)
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     faces = faces[np.unique(topology.distinct_rows(np.sort(faces, axis=1))[1], return_index=True)[1]]
     size = float(np.ptp(vertices, axis=0).max())
@@ -65,7 +55,7 @@ def own_triangles(
         raise MeshError(f"{name}: no volume: its triangles have no area; expected a surface mesh")
     warnings = list[str]()
     try:
-        surface = closed_surface(given_vertices, given_faces, name, unit_length)
+        surface = closed_surface(mesh.vertices, mesh.faces, name, unit_length)
     except MeshError:
         repairs = list[str]()
         solid, enclosing, is_sheet, is_sound = _solid_parts(MeshInRepair(vertices, faces, name, unit_length), repairs)
@@ -78,17 +68,18 @@ def own_triangles(
         solid, enclosing, is_sound = surface.vertices, surface.faces, True
         is_sheet = places_in(vertices, faces, solid, enclosing) < 0
         if not is_sheet.any():
-            tell_assumed(surface, given_vertices, given_faces)
+            tell_assumed(surface, mesh.vertices, mesh.faces)
         repairs, warnings = surface.merged + surface.repairs, surface.warnings
         if not is_sheet.any():
-            return CoveredSurface(solid, enclosing, None, tuple(repairs), tuple(warnings))
+            return replace(mesh, vertices=solid, faces=enclosing, repairs=tuple(repairs), warnings=tuple(warnings))
     sheet = faces[is_sheet]
     if len(enclosing) and len(sheet):
         sheet = sheet[~_inside(solid, enclosing, vertices, sheet, is_sound)]
     if len(sheet):
         repairs.append(f"{counted(len(sheet), 'triangle')} of open parts enclose nothing: spheres cover them as a skin")
     shell = topology.Shell(solid, enclosing, sheet)
-    return CoveredSurface(vertices, faces, shell, tuple(repairs), tuple(warnings))
+    found = replace(mesh, vertices=vertices, faces=faces, shell=shell)
+    return replace(found, repairs=tuple(repairs), warnings=tuple(warnings))
 
 
 def places_in(vertices: FloatArray, faces: IntArray, others: FloatArray, there: IntArray) -> IntArray:

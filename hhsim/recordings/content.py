@@ -21,14 +21,12 @@ from hhsim.recordings.joint_names import VALIDITY_WORDS, StatedFields, joint_nam
 from hhsim.recordings.recording import UNUSED_POSE, Finding, note
 from hhsim.system.counted import counted
 from hhsim.system.hdf5_input import DAMAGE, open_hdf5
-from hhsim.system.input_file import open_input, read_input
+from hhsim.system.input_file import MOST_BYTES, open_input, read_input
 
 if TYPE_CHECKING:
     from hhsim.recordings.column_map import ColumnMap
     from hhsim.recordings.dexmo_regression import DexmoRegression
 
-MOST_BYTES = 1 << 30
-"""Size of the largest file that is read [byte]."""
 HEAD_BYTES = 4096
 """Size of the beginning of a file that tells its format [byte]."""
 MOST_UNREADABLE = 0.1

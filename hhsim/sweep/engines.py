@@ -137,7 +137,8 @@ def run_to_end(
     total = done + len(tasks)
     progress(stage, done, total)
     try:
-        with closing(run_tasks(tasks, scheduler, jobs)) as ends:
+        ends = run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
+        with closing(ends):
             for end in ends:
                 on_end(end)
                 done += 1
@@ -145,11 +146,6 @@ def run_to_end(
     except KeyboardInterrupt as interrupt:
         interrupt.add_note(f"{done:,} of {total:,} {stage} are done, and the same command goes on")
         raise
-
-
-def run_tasks(tasks: Sequence[Task], scheduler: str, jobs: int) -> Generator[TaskEnd, None, None]:
-    """Run tasks in `jobs` processes, or on a cluster if a scheduler is given; as the functions for these two."""
-    return run_on_dask(tasks, scheduler, jobs) if scheduler else run_in_processes(tasks, jobs)
 
 
 def run_in_processes(tasks: Sequence[Task], jobs: int) -> Generator[TaskEnd, None, None]:

@@ -29,9 +29,8 @@ from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.follow import FollowedFrame, Follower, GivenFrame, followed_lines
 from hhsim.repair.in_memory import RepairedMotion, repair
 from hhsim.repair.recorded_scene import model_joints
-from hhsim.repair.repair import bodies_of, repair_recording
+from hhsim.repair.repair import FieldScore, bodies_of, field_score, repair_recording
 from hhsim.repair.request import RepairRequest
-from hhsim.repair.score import FieldScore, field_score
 
 RATE, LIMIT, LATENCY = 30.0, 0.03, 8
 COUNT = 30

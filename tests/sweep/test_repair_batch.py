@@ -38,7 +38,7 @@ LIMIT = "time_limit = 1.0\n"
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the rows here, one after the other."""
-    monkeypatch.setattr(engines, "run_tasks", lambda tasks, *_: (task.run() for task in tasks))
+    monkeypatch.setattr(engines, "run_in_processes", lambda tasks, *_: (task.run() for task in tasks))
 
 
 def ran(out: Path) -> list[str]:
@@ -130,7 +130,7 @@ def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytes
         yield tasks[0].run()
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(engines, "run_tasks", interrupted)
+    monkeypatch.setattr(engines, "run_in_processes", interrupted)
     path = write_manifest(tmp_path, "copy 1", "copy 2", "copy 3")
     with pytest.raises(KeyboardInterrupt) as caught:
         run(path, tmp_path / "out")

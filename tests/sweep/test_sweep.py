@@ -30,12 +30,12 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Run the cells here, one after the other; which ones."""
     ran: list[str] = []
 
-    def here(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Any:
+    def here(tasks: Sequence[CellTask], jobs: int) -> Any:
         for task in tasks:
             ran.append(task.cell.label)
             yield task.run()
 
-    monkeypatch.setattr(engines, "run_tasks", here)
+    monkeypatch.setattr(engines, "run_in_processes", here)
     return ran
 
 
@@ -122,13 +122,13 @@ def test_a_file_that_is_replaced_is_kept_under_no_digest_but_its_own(
     path, out, before = write_plan(tmp_path, text), tmp_path / "out", (tmp_path / name).read_text()
     replaced = [True]
 
-    def here(tasks: Sequence[CellTask], scheduler: str, jobs: int) -> Any:
+    def here(tasks: Sequence[CellTask], jobs: int) -> Any:
         for task in tasks:
             yield task.run()
             if replaced[0]:
                 (tmp_path / name).write_text(before + "\n# another")
 
-    monkeypatch.setattr(engines, "run_tasks", here)
+    monkeypatch.setattr(engines, "run_in_processes", here)
     first = swept(path, out)
     assert (first.run, list(first.failed.values())) == (1, [CHANGED])
     (kept,) = rows(out)

@@ -98,8 +98,8 @@ def _wedge() -> tuple[SphereTree, Mesh]:
         turned = np.stack([points[:, 0], cosine * -points[:, 1], sine * points[:, 1]], axis=1)
         spheres.append(turned + [0.0, 0.04, 0.0])
         turn = np.array([[1.0, 0.0, 0.0], [0.0, -cosine, -sine], [0.0, sine, -cosine]])
-        walls.append(wall.transformed(turn, (0.0, 0.04, 0.0)))
-    return shapes.tree_of(np.concatenate(spheres), 2.3e-3), shapes.joined_mesh(walls)
+        walls.append(wall.transformed(turn, (0.0, 0.04, 0.0)).triangles)
+    return shapes.tree_of(np.concatenate(spheres), 2.3e-3), shapes.loose_mesh(np.concatenate(walls))
 
 
 def _released(outcome: Outcome) -> Figures:

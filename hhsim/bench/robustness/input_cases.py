@@ -5,6 +5,7 @@ Other units, places and signs, doubled constraints and closed loops change nothi
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import UPRIGHT, hold_readings, random_targets, sound_samples, still
 from hhsim.solver.options import SolverOptions, Stiffness
 
-Adapt = Callable[[SolverOptions], SolverOptions]
 Judge = Callable[[Outcome], Iterable[Figure]]
 
 SAME = 1e-6
@@ -150,22 +150,18 @@ def bad_samples(seed: int) -> Runs:
         ("none at first", late, ""),
         ("the first one from the start", hold_readings(late), LATE),
     ):
-        yield ball_run(name, motion, judge=_judge_samples(like))
+        yield ball_run(name, motion, judge=partial(_judge_samples, like))
 
 
-def _judge_samples(like: str) -> Judge:
+def _judge_samples(like: str, outcome: Outcome) -> Iterable[Figure]:
     """Judge what is told of samples; `like` names a run that is to come out like the one before it."""
-
-    def judge(outcome: Outcome) -> Iterable[Figure]:
-        if like:
-            apart = float(np.linalg.norm(outcome.points - outcome.before[-1].points, axis=-1).max())
-            yield Figure(f"difference to {like}", apart, 0.0, "m")
-        if like == LATE:
-            runs = (*outcome.before, outcome)
-            wrong = ((run.ticks.status & STATUS_INPUT_INVALID > 0) == sound_samples(run.run.motion) for run in runs)
-            yield Figure("samples not told good from bad", sum(int(one.sum()) for one in wrong), 0)
-
-    return judge
+    if like:
+        apart = float(np.linalg.norm(outcome.points - outcome.before[-1].points, axis=-1).max())
+        yield Figure(f"difference to {like}", apart, 0.0, "m")
+    if like == LATE:
+        runs = (*outcome.before, outcome)
+        wrong = ((run.ticks.status & STATUS_INPUT_INVALID > 0) == sound_samples(run.run.motion) for run in runs)
+        yield Figure("samples not told good from bad", sum(int(one.sum()) for one in wrong), 0)
 
 
 def sudden_turns(seed: int) -> Runs:
@@ -231,15 +227,11 @@ def _same(
     return judge
 
 
-def _stiffer(translation: float, rotation: float, flexion: float, contact: float = 1.0) -> Adapt:
-    def adapt(options: SolverOptions) -> SolverOptions:
-        k = options.stiffness
-        stiffness = Stiffness(
-            k.translation * translation, k.rotation * rotation, k.flexion * flexion, k.contact * contact
-        )
-        return replace(options, stiffness=stiffness)
-
-    return adapt
+def _stiffer(factors: Iterable[float], options: SolverOptions) -> SolverOptions:
+    """Return options with the springs of translation, rotation, flexion and contact times these factors."""
+    k = options.stiffness
+    springs = k.translation, k.rotation, k.flexion, k.contact
+    return replace(options, stiffness=Stiffness(*(spring * factor for spring, factor in zip(springs, factors))))
 
 
 def quaternion_flips(seed: int) -> Runs:
@@ -282,7 +274,8 @@ def stiffness_scale(seed: int) -> Runs:
     """Every spring times 1e-3 to 1e6: the same motion, forces in proportion."""
     yield usual()
     for ratio in (1e-3, 1e3, 1e6):
-        yield replace(usual(_same(stronger=ratio), adapt=_stiffer(*4 * (ratio,))), name=f"springs times {ratio:g}")
+        adapt = partial(_stiffer, (ratio,) * 4)
+        yield replace(usual(_same(stronger=ratio), adapt=adapt), name=f"springs times {ratio:g}")
 
 
 def stiffness_ratios(seed: int) -> Runs:
@@ -291,8 +284,8 @@ def stiffness_ratios(seed: int) -> Runs:
     scene = HardRun("", motion, shapes.ball(1200), shapes.ball_mesh(subdivisions=3))
     for ratio in (1e-3, 1e-1, 1e1, 1e3, 1e6):
         for i, name in enumerate(("k_t", "k_r", "k_θ")):
-            adapt = _stiffer(*(ratio if i == j else 1.0 for j in range(3)))
-            yield replace(scene, name=f"{ratio:g} {name}", adapt=adapt)
+            factors = tuple(ratio if i == j else 1.0 for j in range(4))
+            yield replace(scene, name=f"{ratio:g} {name}", adapt=partial(_stiffer, factors))
 
 
 def scaled_scene(seed: int) -> Runs:

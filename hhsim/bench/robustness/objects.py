@@ -4,7 +4,6 @@ And postures and motions that several hard cases share, and crossings of discs a
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -188,11 +187,6 @@ def sheet_mesh(width: float, depth: float) -> Mesh:
 def loose_mesh(corners: FloatArray) -> Mesh:
     """Return triangles that share no vertices, corners of shape (F, 3, 3) [m]."""
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), name="triangles")
-
-
-def joined_mesh(meshes: Sequence[Mesh]) -> Mesh:
-    """Return several meshes as one."""
-    return loose_mesh(np.concatenate([mesh.triangles for mesh in meshes]))
 
 
 CURLED = (1.2, 1.4, 0.8)
