@@ -37,7 +37,6 @@ from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
-from hhsim.system.output_path import check_picture
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names
 from hhsim.table.file import ALL
@@ -316,10 +315,9 @@ class Mark(NamedTuple):
 
 
 def draw_trade_off(path: Path, rows: Sequence[Row], note: str = "") -> None:
-    """Write the picture of a table, with a note on the run in its legend; errors as `check_picture`, `save_figure`."""
+    """Write the picture of a table, with a note on the run in its legend; errors as `save_figure`."""
     from matplotlib.lines import Line2D
 
-    check_picture(path)
     panels, legend = _panels(rows)
     if note:
         legend[note] = style.LIMIT, ""

@@ -15,7 +15,6 @@ from hhsim.render.hand_picture import BODY_OPACITY, RED
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, rendered, shade
 from hhsim.render.triangle_soup import SKIN, STONE, Surface, look_from, mesh_surface, near_hands
 from hhsim.render.viewpoint import AZIMUTHS, View
-from hhsim.system.output_path import check_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +71,6 @@ def draw_before_after(
 
     Raises OutputError for a file that cannot be written.
     """
-    check_picture(path)
     width, height = 4 * SIDE, len(meshes) * (SIDE + TITLE)
     figure = new_figure(width / 100, height / 100)
     for row, (shape, *hands) in enumerate(zip(meshes, before, after, strict=True)):

@@ -15,7 +15,6 @@ from hhsim.render.rasterizer import blend, frame, lit, see_spheres, shade
 from hhsim.render.triangle_soup import joined, look_from, mesh_surface, moved
 from hhsim.robots.formats import RobotSpheres
 from hhsim.robots.touching_pairs import start_poses
-from hhsim.system.output_path import check_picture
 from hhsim.trees.sphere_tree import SphereTree
 
 DRAWN_EXTENT = 0.1
@@ -78,7 +77,6 @@ def _draw(
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    check_picture(path)
     highest = max(highest, 1e-12)
     pictures = _pictures(parts, extent, highest)
     width = HEIGHT * pictures[0].shape[1] / pictures[0].shape[0]

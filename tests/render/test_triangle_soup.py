@@ -297,11 +297,6 @@ def test_frames_are_drawn_in_their_order(tmp_path: Path) -> None:
     np.testing.assert_array_equal(red[:, 0], red[:, 1])
 
 
-def test_a_folder_that_is_missing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="there is no folder"):
-        draw(fingers(DEPTH), fingers(DEPTH), tmp_path / "none" / "worst.png")
-
-
 CAMERA = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.12, (300, 300))
 
 
