@@ -28,20 +28,12 @@ from hhsim.kernels.world.body import (
     take_velocity,
     turn_back,
 )
-from hhsim.kernels.world.columns import (
-    body_column,
-    body_count,
-    hand_count,
-    object_columns,
-    other_in,
-    pair_count,
-    palm_column,
-    variable_count,
-)
+from hhsim.kernels.world.columns import object_columns, variable_count
 from hhsim.kernels.world.edges import measure_edges, record_edges
 from hhsim.kernels.world.joints import begin_joints, has_joint_rows, joints_hold
 from hhsim.kernels.world.pairs import (
     AIM,
+    AIMED,
     BACK,
     BEAR,
     BEGIN,
@@ -53,6 +45,7 @@ from hhsim.kernels.world.pairs import (
     END,
     HOLD,
     KEEP,
+    LEAST_RAISE,
     LOWEST,
     MOST_DAMPING,
     MOST_RAISES,
@@ -69,13 +62,13 @@ from hhsim.kernels.world.pairs import (
     World,
     begin_bounds,
     beyond_bound,
+    damp,
     mark_snap,
-    measure_user_motions,
     mover_of,
-    raise_damping,
+    take_hands,
 )
-from hhsim.kernels.world.program import begin_search, clip_shifts, solve_free, take_steps
-from hhsim.kernels.world.record import clear_borne, copy_borne, find_borne, turn_loads
+from hhsim.kernels.world.program import ROUNDS, clip_shifts, solve_free, take_steps
+from hhsim.kernels.world.record import clear_borne, find_borne, turn_loads
 from hhsim.kernels.world.rows import begin_frictions, find_frictions
 from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 
@@ -91,15 +84,15 @@ def _measure_edges(method: World) -> None:
     """Measure the edges of pairs in which two bodies meet, after their other distances."""
     world, options = method.world[0], method.options
     problem = world.problem
-    for p in range(hand_count(problem), pair_count(problem)):
-        each, other, number = method.states[p], other_in(problem, p), problem.body[p]
+    for p in range(problem.hands, problem.pairs):
+        each, other, number = method.states[p], problem.other[p], problem.body[p]
         # Each two bodies meet in two pairs: their edges once.
         if not 0 <= other < number or each.modelled[PALM_BODY] == 0:
             continue
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
         far = options.margin + options.skin
         measure_edges(
-            method.movers[hand_count(problem) + other],
+            method.movers[problem.hands + other],
             method.edges[other],
             method.edges[number],
             world.bodies[number].center[:],
@@ -116,7 +109,7 @@ def _measure_edges(method: World) -> None:
 def _record_edges(method: World, p: int) -> None:
     """Add a pair's edges within reach to its contact records, if two bodies meet in it."""
     each, problem = method.states[p], method.world[0].problem
-    other, number = other_in(problem, p), problem.body[p]
+    other, number = problem.other[p], problem.body[p]
     if 0 <= other < number and each.modelled[PALM_BODY] == 1:
         record_edges(
             method.edges[number], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts
@@ -128,7 +121,7 @@ def _place_pairs(method: World) -> None:
     """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
     world = method.world[0]
     problem, bodies, scratch = world.problem, world.bodies, world.problem.scratch
-    for p in range(hand_count(problem), pair_count(problem)):
+    for p in range(problem.hands, problem.pairs):
         each, other = method.states[p], problem.other[p]
         pose = each.pose
         if other >= 0:
@@ -146,22 +139,11 @@ def _place_pairs(method: World) -> None:
 
 
 @jit
-def _find_turns(problem: Record, bodies: Record) -> None:
-    """Find how the frame of the first body is turned to that of each pair's."""
-    base = bodies[0].rotation
-    for p in range(hand_count(problem), pair_count(problem)):
-        own = bodies[problem.body[p]].rotation
-        for j in range(3):
-            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
-            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
-
-
-@jit
 def _measure_table(method: World) -> tuple[float, int, int]:
     """Compute the distance [m] of bodies and table; also returns the lowest body, and its lowest point."""
     world = method.world[0]
     least, number, lowest = np.inf, as_int64(0), as_int64(-1)
-    for k in range(body_count(world.problem)):
+    for k in range(world.problem.bodies):
         body = world.bodies[k]
         body.measured_distance = np.inf
         if body.has_table == 1:
@@ -173,28 +155,16 @@ def _measure_table(method: World) -> tuple[float, int, int]:
 
 
 @jit
-def _take_hands(method: World) -> None:
-    """Take the user's hands, which are the world's at the start of a tick."""
-    world = method.world[0]
-    measure_user_motions(method.states, world)
-    for h in range(hand_count(world.problem)):
-        each = method.states[h]
-        if each.input.is_valid:
-            copy_values(each.haptic.position[:], world.palm_position[h])
-            copy_values(each.haptic.orientation[:], world.palm_orientation[h])
-
-
-@jit
 def _begin(method: World) -> None:
     """Let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem
     _place_pairs(method)
     begin_joints(method.states, world.bodies, problem)
-    for p in range(1, pair_count(problem)):
+    for p in range(1, problem.pairs):
         begin_tick(method.options, method.states[p])
     begin_bounds(method.options, method.states, world)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         predict(world.bodies[k])
         keep_body(world.bodies[k])
     variables = variable_count(problem)
@@ -211,7 +181,7 @@ def _begin(method: World) -> None:
 def _see_hands(method: World) -> None:
     """Take the user's hands to the frame of the first body."""
     world = method.world[0]
-    for h in range(hand_count(world.problem)):
+    for h in range(world.problem.hands):
         haptic = method.states[h].haptic
         place, turn = world.palm_position[h], world.palm_orientation[h]
         see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
@@ -219,12 +189,17 @@ def _see_hands(method: World) -> None:
 
 @jit
 def _aim(method: World) -> None:
-    """Find where hands and bodies want to go from where they are."""
+    """Find where hands and bodies want to go, and how the frame of the first body is turned to that of each pair's."""
     world = method.world[0]
     problem, bodies = world.problem, world.bodies
-    _find_turns(problem, bodies)
+    base = bodies[0].rotation
+    for p in range(problem.hands, problem.pairs):
+        own = bodies[problem.body[p]].rotation
+        for j in range(3):
+            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
+            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
     _see_hands(method)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
 
@@ -236,10 +211,10 @@ def _write_columns(method: World) -> int:
     problem, bodies, contacts, friction = world.problem, world.bodies, state.contacts, world.friction
     object_columns(method.states, bodies, contacts, problem)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
-    close = CLOSE * options.offset + FLOATS * world.borne.residual
+    close = CLOSE * options.offset + FLOATS * world.borne[world.accepted].residual
     find_frictions(bodies, contacts, problem, close, friction)
     joints = as_int64(0)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         joints += 1 if has_joint_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
@@ -259,8 +234,8 @@ def _clip(method: World, off: float) -> None:
     """Take a share of the bodies' steps off their targets."""
     world = method.world[0]
     problem = world.problem
-    for k in range(body_count(problem)):
-        body, column = world.bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, column = world.bodies[k], problem.column[k]
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
@@ -271,7 +246,9 @@ def solve_with_bodies(method: World, state: Record, clipped: bool, qp: QpWork) -
     """Solve a program of hands and bodies, see `solve_free`; returns a status of `kernels.qp.active_set`."""
     world, rounds = method.world[0], as_int64(1)
     if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
-        rounds = begin_search(world.coulomb)
+        # Where searches came to nothing of late there is none.
+        rounds = as_int64(1 if world.coulomb.wait > 0 else ROUNDS)
+        world.coulomb.wait = max(world.coulomb.wait - 1, 0)
     return as_int64(solve_free(method.options, method.states, world, rounds, clipped, qp))
 
 
@@ -280,15 +257,16 @@ def _bear(method: World, fraction: float) -> None:
     """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
     world, states = method.world[0], method.states
     problem, total, delta = world.problem, world.problem.total, world.problem.delta
-    for k in range(body_count(problem)):
-        body, j = world.bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, j = world.bodies[k], problem.column[k]
         if body.joint > 0:
             body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
     for j in range(variable_count(problem)):
         total[j] += fraction * delta[j]
-    for f in range(FINGER_COUNT * hand_count(problem)):
+    for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, world.tried)
+    tried = world.borne[1 - world.accepted]
+    find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, tried)
 
 
 @jit
@@ -297,18 +275,18 @@ def _move(method: World, fraction: float) -> None:
     world = method.world[0]
     problem, bodies = world.problem, world.bodies
     # What comes next in the tick is added to it in the frame of each body as it then stands.
-    first = body_column(problem, as_int64(0))
-    for h in range(hand_count(problem)):
-        palm = palm_column(problem, h)
+    first = problem.column[0]
+    for h in range(problem.hands):
+        palm = problem.palm[h]
         for j in (palm, palm + 3):
             turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
-    for k in range(body_count(problem)):
-        j = body_column(problem, k)
+    for k in range(problem.bodies):
+        j = problem.column[k]
         turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
     if 0.0 < fraction < 1.0:
         take_steps(method.states, bodies, fraction, problem)
-    for k in range(body_count(problem)):
-        j = body_column(problem, k)
+    for k in range(problem.bodies):
+        j = problem.column[k]
         move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
 
@@ -316,20 +294,20 @@ def _move(method: World, fraction: float) -> None:
 def _keep(world: Record) -> None:
     """Keep the bodies' poses, and what bears them, as those of an accepted step."""
     problem = world.problem
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         keep_body(world.bodies[k])
         world.bodies[k].table_distance = world.bodies[k].measured_distance
     variables = variable_count(problem)
     copy_values(problem.total[:variables], world.safe_total[:variables])
     copy_values(problem.abduction_total[:], world.safe_abduction[:])
-    world.tried.residual = problem.gamma_error
-    copy_borne(body_count(problem), world.tried, world.borne)
+    world.accepted = 1 - world.accepted
+    world.borne[world.accepted].residual = problem.gamma_error
 
 
 @jit
 def _take_back(world: Record) -> None:
     """Return to the bodies' last poses without penetration."""
-    for k in range(body_count(world.problem)):
+    for k in range(world.problem.bodies):
         take_body_back(world.bodies[k])
     variables = variable_count(world.problem)
     copy_values(world.safe_total[:variables], world.problem.total[:variables])
@@ -340,14 +318,17 @@ def _take_back(world: Record) -> None:
 def _damp(method: World, state: Record) -> float:
     """Damp hands that are beyond their bound; 1 if the program is then to be solved anew from the safe poses."""
     world, options = method.world[0], method.options
-    ratio = beyond_bound(options, method.states, world)
+    ratio = beyond_bound(method.states, world)
     can_raise = world.raises < MOST_RAISES and world.damping < MOST_DAMPING
     programs, progress = state.work[WORK_LINEARISATIONS], state.progress
     # A tick that ended without a step would stop the bodies.
     left, needed = options.linearisations - programs, 2 if progress.is_accepted else programs - progress.restarted
     if ratio <= 1.0 or not can_raise or left < needed:
         return 0.0
-    raise_damping(ratio, method.states, world)
+    # A motion of so many bounds becomes shorter than the bound.
+    factor = max(LEAST_RAISE, ratio / AIMED)
+    damp(method.states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
+    world.raises += 1
     progress.restarted = programs
     return 1.0
 
@@ -356,9 +337,9 @@ def _damp(method: World, state: Record) -> float:
 def _end(method: World) -> None:
     """Take the bodies' velocities, or let nothing bear them where no step was accepted."""
     world = method.world[0]
-    bodies = body_count(world.problem)
+    bodies = world.problem.bodies
     if not method.states[0].progress.is_accepted:
-        clear_borne(bodies, world.borne)
+        clear_borne(bodies, world.borne[world.accepted])
         return
     for k in range(bodies):
         take_velocity(world.bodies[k])
@@ -373,13 +354,13 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     world, state, p = method.world[0], method.states[0], as_int64(int(value))
     problem = world.problem
     if asked == TAKE:
-        _take_hands(method)
+        take_hands(method.states, world)
     elif asked == BEGIN:
         _begin(method)
     elif asked == PLACE:
         _place_pairs(method)
         _measure_table(method)
-        for k in range(body_count(problem)):
+        for k in range(problem.bodies):
             world.bodies[k].table_distance = world.bodies[k].measured_distance
     elif asked == EDGES:
         _measure_edges(method)
@@ -418,13 +399,13 @@ def do_bodies(method: World, asked: int, value: float) -> float:
         _take_back(world)
     elif asked == SEE:
         _see_hands(method)
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             update_kinematics(mover_of(method, h), method.states[h].haptic)
     elif asked == SNAP:
         mark_snap(method.states[p], world)
     elif asked == END:
         _end(method)
     elif asked == TURN:
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             turn_loads(world.bodies[0], method.states[h].active)
     return 0.0

@@ -204,20 +204,12 @@ def find_leanings(
         wanted[i, 3] += size * friction.about[i, e]
 
 
-@jit
-def turn_contacts(friction: Record, work: Record) -> None:
-    """Turn the directions of the contacts that bear a force as they lean."""
-    wanted = work.wanted
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
-        if friction.length[i] > TINY:
-            orient(friction, i, wanted[i, 0], wanted[i, 1], wanted[i, 2], wanted[i, 3])
-
-
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
 FLAT = 1e-3
 """A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
+MOST_WAIT = 3
+"""After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 
 
 def coulomb_dtype(dof: int, frictions: int) -> "np.dtype[Any]":
@@ -345,16 +337,31 @@ def _solve_system(count: int, work: Record) -> None:
 
 
 @jit
-def foresee_slips(
-    states: States, bodies: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
-) -> None:
-    """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
+def next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None:
+    """Set Γ of the contacts that bear a force to their slip less what a contact may float [m], and turn them to it.
+
+    Γ and e_1 of all contacts, and which rows are loaded, are kept for `end_search`.
+    """
+    bodies, problem, friction, loaded, work = world.bodies, world.problem, world.friction, world.loaded, world.coulomb
+    for i in range(friction.count):
+        work.shift[i] = friction.shift[i]
+        work.about[i] = friction.about[i, 0]
+        for j in range(3):
+            work.along[i, j] = friction.along[i, 0, j]
+    work.rows = loaded.count
+    for j in range(loaded.count):
+        work.row[j] = loaded.row[j]
     _find_moved(friction, problem, qp, work)
     _fill_system(states, bodies, floats, problem, friction, work)
     _solve_system(friction.bearings, work)
     for c in range(friction.bearings):
         i = friction.bearing[c]
         friction.shift[i] = max(0.0, friction.shift[i] + work.rhs[c])
+    find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
+    for c in range(friction.bearings):
+        i, lean = friction.bearing[c], world.leanings.wanted[friction.bearing[c]]
+        if friction.length[i] > TINY:
+            orient(friction, i, lean[0], lean[1], lean[2], lean[3])
 
 
 @jit
@@ -397,21 +404,8 @@ def lower_slips(floats: float, backs: float, problem: Record, friction: Record, 
 
 
 @jit
-def keep_slips(friction: Record, loaded: Record, work: Record) -> None:
-    """Keep Γ and e_1 of all contacts, and which rows are loaded."""
-    for i in range(friction.count):
-        work.shift[i] = friction.shift[i]
-        work.about[i] = friction.about[i, 0]
-        for j in range(3):
-            work.along[i, j] = friction.along[i, 0, j]
-    work.rows = loaded.count
-    for j in range(loaded.count):
-        work.row[j] = loaded.row[j]
-
-
-@jit
-def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
-    """Return to what was kept."""
+def end_search(friction: Record, loaded: Record, work: Record) -> None:
+    """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
     for i in range(friction.count):
         if friction.has_friction[i] == 1:
             friction.shift[i] = work.shift[i]
@@ -419,3 +413,5 @@ def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
     loaded.count = work.rows
     for j in range(work.rows):
         loaded.row[j] = work.row[j]
+    work.failures = min(work.failures + 1, MOST_WAIT)
+    work.wait = 2**work.failures

@@ -18,7 +18,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import rotation_vector_between, turned
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF, along_axis, joint_value
-from hhsim.kernels.world.columns import States, body_column, body_count, common_count, write_row
+from hhsim.kernels.world.columns import States, common_count, write_row
 
 SLACK = 4
 """Column of a jointed body's slack variable."""
@@ -39,15 +39,9 @@ SETTLED = 1e-6
 
 
 @jit
-def joint_column(body: Record) -> int:
-    """Return which of a jointed body's columns is δ."""
-    return as_int64(5 if body.joint == HINGE else 0)
-
-
-@jit
 def slack_column(body: Record, problem: Record, k: int) -> int:
     """Return the slack variable of the joint of body k."""
-    return as_int64(problem.width + k if body.pair_joint > 0 else body_column(problem, k) + SLACK)
+    return as_int64(problem.width + k if body.pair_joint > 0 else problem.column[k] + SLACK)
 
 
 @jit
@@ -105,7 +99,7 @@ def _since_begun(body: Record, value: float) -> float:
 def begin_joints(states: States, bodies: Record, problem: Record) -> None:
     """Foresee how far joints move in the tick, and keep the values that those of two free bodies begin with."""
     values = problem.scratch
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         body = bodies[k]
         body.joint_made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
         if body.pair_joint > 0:
@@ -150,7 +144,7 @@ def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, 
 def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
     """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
     held = as_bool(True)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         if bodies[k].pair_joint > 0:
             held = held and pair_values(bodies[k], states[bodies[k].pair].pose, problem.scratch[:]) <= SETTLED
     return held
@@ -159,14 +153,14 @@ def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
 @jit
 def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem: Record) -> int:
     """Write the rows of all joints from a row on, and return the one behind them."""
-    for k in range(body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, column = bodies[k], problem.column[k]
         if body.pair_joint > 0:
             row = _pair_rows(states, bodies, as_int64(k), relaxed, row, problem)
         if body.joint == 0 or not has_joint_rows(body):
             continue
         value, made = joint_value(body), along_axis(body, problem.total[column : column + OBJECT_DOF])
-        own = column + joint_column(body)
+        own = column + (5 if body.joint == HINGE else 0)
         for r in range(JOINT_ROWS):
             sign = 1.0 if r % 2 == 0 else -1.0
             of_friction = r >= JOINT_ROWS // 2

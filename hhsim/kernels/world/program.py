@@ -13,28 +13,8 @@ from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
-from hhsim.kernels.world.columns import (
-    States,
-    body_column,
-    body_count,
-    common_count,
-    first_finger,
-    hand_count,
-    is_still,
-    pair_count,
-    palm_column,
-    variable_count,
-    wide_rows,
-)
-from hhsim.kernels.world.friction import (
-    NO_LOAD,
-    find_leanings,
-    foresee_slips,
-    keep_slips,
-    lower_slips,
-    return_to_slips,
-    turn_contacts,
-)
+from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
+from hhsim.kernels.world.friction import NO_LOAD, end_search, find_leanings, lower_slips, next_slips
 from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.rows import (
@@ -57,8 +37,6 @@ REPAIRS = 8
 """Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
 """Limit for a program with a clipped target, from which the tick goes on."""
-MOST_WAIT = 3
-"""After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 LET_FLOAT = 0.5
 """Γ is the slip less this share of the clearance, and 0 where it slips by less: such a contact floats by that, and is
 not moved to and fro by a Γ that comes and goes."""
@@ -113,14 +91,11 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
 def scale_target(bodies: Record, problem: Record) -> None:
     """Write the program's target, scaled and in its order."""
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
-    for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
-        for j in range(6):
-            target[palm_column(problem, h) + j] = hand[DOF * h + j] / weight[j]
-        for j in range(6, DOF):
-            target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            target[hand_column(problem, h, j)] = hand[DOF * h + j] / weight[j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        body, column = bodies[k], problem.column[k]
         for j in range(OBJECT_DOF):
             if body.inverse_root[j] > 0.0:
                 target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
@@ -137,14 +112,11 @@ def scale_target(bodies: Record, problem: Record) -> None:
 @jit
 def take_targets(problem: Record) -> None:
     """Write the step to the targets, which is the program's where nothing is near."""
-    for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
-        for j in range(6):
-            problem.delta[palm_column(problem, h) + j] = problem.hand_target[DOF * h + j]
-        for j in range(6, DOF):
-            problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        column = body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            problem.delta[hand_column(problem, h, j)] = problem.hand_target[DOF * h + j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        column = problem.column[k]
         for j in range(OBJECT_DOF):
             problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
 
@@ -152,12 +124,9 @@ def take_targets(problem: Record) -> None:
 @jit
 def take_hand_steps(states: States, problem: Record) -> None:
     """Give each hand its step of the program, shape (21,), where nothing else moves."""
-    for h in range(hand_count(problem)):
-        palm, fingers, step = palm_column(problem, h), first_finger(problem, h), states[h].step
-        for j in range(6):
-            step.delta[j] = problem.delta[palm + j]
-        for j in range(6, DOF):
-            step.delta[j] = problem.delta[fingers - 6 + j]
+    for h in range(problem.hands):
+        for j in range(DOF):
+            states[h].step.delta[j] = problem.delta[hand_column(problem, h, j)]
 
 
 @jit
@@ -170,23 +139,22 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
     delta, way, palm_step = problem.delta, problem.whole, problem.scratch
     for j in range(common_count(problem)):
         way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         number, other, step, pose = problem.body[p], problem.other[p], states[p].step, states[p].pose
-        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
+        column, hand = problem.column[number], problem.hand[p]
         own = way[column : column + OBJECT_DOF]
         if other >= 0:
-            first = body_column(problem, other)
+            first = problem.column[other]
             as_other_moves(bodies[other], pose.rotation[:], way[first : first + OBJECT_DOF], palm_step[:])
         else:
             for j in range(6):
-                palm_step[j] = way[palm + j]
+                palm_step[j] = way[problem.palm[hand] + j]
             if number > 0:
                 for j in (0, 3):
                     x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
                     palm_step[j], palm_step[j + 1], palm_step[j + 2] = x, y, z
-            fingers = first_finger(problem, problem.hand[p])
             for j in range(6, DOF if fraction == 1.0 else 6):
-                step.delta[j] = delta[fingers - 6 + j]
+                step.delta[j] = delta[hand_column(problem, hand, j)]
         as_object_moves(bodies[number], pose.position[:], palm_step[:], own, step.delta[0:6])
         for j in range(0 if fraction == 1.0 else 6):
             step.delta[j] /= fraction
@@ -196,14 +164,12 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
 def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
     """Read the step of a solution."""
     delta, weight = problem.delta, problem.inverse_root
-    for h in range(hand_count(problem)):
-        palm, fingers = palm_column(problem, h), first_finger(problem, h)
-        for j in range(6):
-            delta[palm + j] = qp.x[palm + j] * weight[j]
-        for j in range(6, DOF):
-            delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            column = hand_column(problem, h, j)
+            delta[column] = qp.x[column] * weight[j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        body, column = bodies[k], problem.column[k]
         if column >= variable_count(problem):
             continue
         for j in range(OBJECT_DOF):
@@ -249,7 +215,7 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
     problem.gamma_error = 0.0
     for j in range(variable_count(problem)):
         problem.whole[j] = problem.total[j] + problem.delta[j]
-    for f in range(FINGER_COUNT * hand_count(problem)):
+    for f in range(FINGER_COUNT * problem.hands):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
@@ -274,8 +240,8 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
 @jit
 def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
-    for k in range(body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, column = bodies[k], problem.column[k]
         if body.is_free == 0 or body.is_driven == 1 or body.joint > 0:
             continue
         size = 0.0
@@ -325,15 +291,6 @@ def clip_shifts(fraction: float, friction: Record) -> None:
 
 
 @jit
-def begin_search(coulomb: Record) -> int:
-    """Most solutions with one Γ after another of a tick's first program: 1 where searches came to nothing of late."""
-    if coulomb.wait > 0:
-        coulomb.wait -= 1
-        return as_int64(1)
-    return as_int64(ROUNDS)
-
-
-@jit
 def _solve_once(options: TickOptions, rows: Rows, guessed: int, world: Record, step: Record, qp: QpWork) -> int:
     """Solve the program for the Γ at hand, and read its solution; returns a status of `kernels.qp.active_set`."""
     problem, loaded, tolerance, relaxation = world.problem, world.loaded, options.tolerance, options.relaxation
@@ -358,24 +315,6 @@ def solve_plain(options: TickOptions, states: States, world: Record, qp: QpWork)
             read_step(world.bodies, problem, qp)
         take_hand_steps(states, problem)
     return status
-
-
-@jit
-def _next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None:
-    """Foresee the slips by a step of Newton's method, and the directions of friction."""
-    bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
-    keep_slips(friction, loaded, world.coulomb)
-    foresee_slips(states, bodies, floats, problem, friction, qp, world.coulomb)
-    find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
-    turn_contacts(friction, world.leanings)
-
-
-@jit
-def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
-    """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
-    return_to_slips(friction, loaded, coulomb)
-    coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
-    coulomb.wait = 2**coulomb.failures
 
 
 @jit
@@ -408,9 +347,9 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
         seeks = seeks and i < rounds - 1 and problem.gamma_error <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.gamma_error
-            _next_slips(floats, states, world, qp)
+            next_slips(floats, states, world, qp)
         elif worse:
-            _end_search(friction, loaded, coulomb)
+            end_search(friction, loaded, coulomb)
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS

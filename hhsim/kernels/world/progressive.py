@@ -32,17 +32,6 @@ YIELD_SCALE = 100.0
 
 
 @jit_inline
-def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
-    """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
-    common, rhs = problem.common, problem.rhs
-    for i in range(start, stop):
-        total = rhs[i]
-        for j in range(6):
-            total -= common[j, i] * palm_step[j]
-        rhs_out[i] = total
-
-
-@jit_inline
 def _keeps_unmoved_rows(start: int, stop: int, block: Array, slack: float, rhs: Array) -> bool:
     # A row that no joint of the finger moves is for the palm to keep. The solver judges a zero row by a length in its
     # own units, which grow with the stiffness; here it is a length in metres, whatever the stiffness.
@@ -136,8 +125,12 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
     own.stop[0] = stop
     own.start[1] = limit_start(contacts, finger)
     own.stop[1] = limit_start(contacts, finger + 1)
-    finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
-    finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
+    for group in range(2):
+        for i in range(own.start[group], own.stop[group]):
+            total = problem.rhs[i]
+            for j in range(6):
+                total -= problem.common[j, i] * work.palm_step[j]
+            work.rhs[i] = total
     if not _keeps_unmoved_rows(start, stop, problem.block[:], options.relaxation * problem.inverse_root[0], work.rhs):
         own.iterations = 0
         own.status = INFEASIBLE
@@ -165,24 +158,6 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
         correct_program(Lagrangian(*given), qp.counts[0], own.step[:], rows, options, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[k] = qp.x[k] * problem.inverse_root[offset + k]
-
-
-@jit_inline
-def _take_finger(finger: int, work: Record, step: Record) -> int:
-    # A finger's solution becomes part of the step; returns its status.
-    own = work.finger[finger]
-    offset = 6 + PHALANX_COUNT * finger
-    step.iterations += own.iterations
-    if own.status != OPTIMAL:
-        return own.status
-    before = step.count
-    for i in range(own.count):
-        step.row[before + i] = own.row[i]
-        step.multiplier[before + i] = own.multiplier[i]
-    step.count = before + own.count
-    for k in range(PHALANX_COUNT):
-        step.delta[offset + k] = own.delta[k]
-    return OPTIMAL
 
 
 @jit_inline
@@ -231,17 +206,6 @@ def help_out(method: World, qp: QpWork) -> None:
             polls += 1
 
 
-@jit
-def _load(problem: Record, step: Record, loaded: Record) -> None:
-    """Write the rows that carry the step's multipliers as those of a program of all variables."""
-    problem.dense_rows = 0
-    problem.gamma_error = 0.0
-    loaded.count = step.count
-    for i in range(step.count):
-        loaded.row[i], loaded.key[i] = step.row[i], problem.key[step.row[i]]
-        loaded.multiplier[i] = step.multiplier[i]
-
-
 @jit_inline
 def _count_time(began: int, step: Record) -> None:
     """Count the fingers' time since then as theirs, and not as the palm's."""
@@ -254,6 +218,7 @@ def _count_time(began: int, step: Record) -> None:
 def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
     problem, contacts, work, step = method.world[0].problem, state.contacts, state.progressive, state.step
+    loaded = method.world[0].loaded
     if state.program.is_coupled:
         return as_int64(solve_plain(method.options, method.states, method.world[0], qp))
     work.variables = 6
@@ -276,14 +241,28 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
         for f in range(FINGER_COUNT):
             if contacts.start[f + 2] == contacts.start[f + 1]:
                 continue
-            status = _take_finger(f, work, step)
-            if status == INFEASIBLE and work.yields[f] < 0:
+            own = work.finger[f]
+            step.iterations += own.iterations
+            if own.status == INFEASIBLE and work.yields[f] < 0:
                 _join(problem, contacts, f, work)
                 joined = True
-            elif status != OPTIMAL:
+                continue
+            if own.status != OPTIMAL:
                 _count_time(solved, step)
-                return as_int64(status)
+                return as_int64(own.status)
+            for i in range(own.count):
+                step.row[step.count + i], step.multiplier[step.count + i] = own.row[i], own.multiplier[i]
+            step.count += own.count
+            for k in range(PHALANX_COUNT):
+                step.delta[6 + PHALANX_COUNT * f + k] = own.delta[k]
         _count_time(solved, step)
         if not joined:
-            _load(problem, step, method.world[0].loaded)
-            return as_int64(OPTIMAL)
+            break
+    # What carries the step's multipliers are rows of a program of all variables.
+    problem.dense_rows = 0
+    problem.gamma_error = 0.0
+    loaded.count = step.count
+    for i in range(step.count):
+        loaded.row[i], loaded.key[i] = step.row[i], problem.key[step.row[i]]
+        loaded.multiplier[i] = step.multiplier[i]
+    return as_int64(OPTIMAL)

@@ -14,16 +14,7 @@ from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF
-from hhsim.kernels.world.columns import (
-    States,
-    body_count,
-    body_of,
-    coefficient,
-    other_of,
-    pair_count,
-    relative_motion,
-    torsion_radius,
-)
+from hhsim.kernels.world.columns import States, body_of, coefficient, other_of, relative_motion, torsion_radius
 from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
 from hhsim.kernels.world.rows import DIRECTIONS, TABLE_KEYS
 
@@ -171,9 +162,9 @@ def find_borne(
     states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
 ) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
-    clear_borne(body_count(problem), borne)
+    clear_borne(problem.bodies, borne)
     count = as_int64(0)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         states[p].warm.count = 0
     _bear_joints(states, bodies, problem, loaded, borne)
     for i in range(loaded.count):
@@ -243,28 +234,6 @@ def find_borne(
 
 
 @jit
-def copy_borne(bodies: int, source: Record, target: Record) -> None:
-    """Copy what is borne of so many bodies."""
-    target.count = source.count
-    target.residual = source.residual
-    target.bare = source.bare
-    for k in range(bodies):
-        copy_values(source.hand_wrench[k], target.hand_wrench[k])
-        copy_values(source.table_wrench[k], target.table_wrench[k])
-        copy_values(source.body_wrench[k], target.body_wrench[k])
-    for i in range(source.count):
-        target.body[i] = source.body[i]
-        target.load[i] = source.load[i]
-        target.moment[i] = source.moment[i]
-        target.slip[i] = source.slip[i]
-        for j in range(3):
-            target.point[i, j] = source.point[i, j]
-            target.lever[i, j] = source.lever[i, j]
-            target.normal[i, j] = source.normal[i, j]
-            target.friction[i, j] = source.friction[i, j]
-
-
-@jit
 def _out(body: Record, vector: Array, vector_out: Array) -> None:
     # Forces are in the directions that the object had when they were solved for.
     vector_out[0], vector_out[1], vector_out[2] = turned(body.pushed, vector[0], vector[1], vector[2])
@@ -280,17 +249,20 @@ def turn_loads(body: Record, active: Record) -> None:
 
 
 @jit
-def _about_center(body: Record, wrench: Array) -> None:
-    # Take a wrench about the hinge to the centre of mass, object's frame.
-    x, y, z = wrench[0], wrench[1], wrench[2]
-    rx, ry, rz = body.lever[0], body.lever[1], body.lever[2]
-    wrench[3] -= ry * z - rz * y
-    wrench[4] -= rz * x - rx * z
-    wrench[5] -= rx * y - ry * x
+def _record_wrench(body: Record, wrench: Array, wrench_out: Array) -> None:
+    # Of a hinged body it is about the hinge, and goes to the centre of mass.
+    if body.joint == HINGE:
+        x, y, z = wrench[0], wrench[1], wrench[2]
+        rx, ry, rz = body.lever[0], body.lever[1], body.lever[2]
+        wrench[3] -= ry * z - rz * y
+        wrench[4] -= rz * x - rx * z
+        wrench[5] -= rx * y - ry * x
+    for half in range(2):
+        _out(body, wrench[3 * half : 3 * half + 3], wrench_out[3 * half : 3 * half + 3])
 
 
 @jit
-def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: WorldRecord) -> None:
+def _record_motion(body: Record, i: Any, record: WorldRecord) -> None:
     # Row (body, i).
     copy_values(body.orientation[:], record.turn[i])
     center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
@@ -301,13 +273,6 @@ def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any
     copy_values(body.velocity[:], record.velocity[i])
     x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
     rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
-    if body.joint == HINGE:
-        _about_center(body, hand_wrench)
-        _about_center(body, table_wrench)
-    by_hand, by_table = record.hand_wrench[i], record.table_wrench[i]
-    for half in range(2):
-        _out(body, hand_wrench[3 * half : 3 * half + 3], by_hand[3 * half : 3 * half + 3])
-        _out(body, table_wrench[3 * half : 3 * half + 3], by_table[3 * half : 3 * half + 3])
     record.table_distance[i] = body.table_distance
 
 
@@ -325,43 +290,35 @@ def _record_point(body: Record, place: Array, point_out: Array) -> None:
 
 
 @jit
-def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: WorldRecord) -> None:
-    record.body[row] = of
-    for j in range(3):
-        borne.point[k, j] -= body.center[j]
-    _record_point(body, borne.point[k], record.point[row])
-    _out(body, borne.normal[k], record.normal[row])
-    _out(body, borne.friction[k], record.friction_force[row])
-    record.normal_force[row] = borne.load[k]
-    record.torsional_moment[row] = borne.moment[k]
-    record.slip[row] = borne.slip[k]
-
-
-@jit
 def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     """Copy what became of the bodies in the last tick to row i of their record."""
-    borne, problem, bodies = world.borne, world.problem, world.bodies
-    for t in range(body_count(problem)):
-        body = bodies[t]
-        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), record)
-        wrench, out = borne.body_wrench[t], record.body_wrench[t, i]
-        if body.joint == HINGE:
-            _about_center(body, wrench)
-        for half in range(2):
-            _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
+    borne, problem, bodies = world.borne[world.accepted], world.problem, world.bodies
+    for t in range(problem.bodies):
+        _record_motion(bodies[t], (t, i), record)
+        _record_wrench(bodies[t], borne.hand_wrench[t], record.hand_wrench[t, i])
+        _record_wrench(bodies[t], borne.table_wrench[t], record.table_wrench[t, i])
+        _record_wrench(bodies[t], borne.body_wrench[t], record.body_wrench[t, i])
     record.friction_residual[0, i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):
         of = borne.body[k]
         number, other = body_of(problem, of), other_of(problem, of)
+        body = bodies[number]
         if other >= 0:
-            name, body = -2 - other, bodies[other]
-            _record_point(body, borne.lever[k], record.other_point[row])
+            record.body[row] = -2 - other
+            _record_point(bodies[other], borne.lever[k], record.other_point[row])
         elif of >= 0:
-            name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
+            record.body[row] = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
-            name = as_int64(-1)
-        _record_contact(bodies[number], name, k, borne, row, record)
+            record.body[row] = -1
+        for j in range(3):
+            borne.point[k, j] -= body.center[j]
+        _record_point(body, borne.point[k], record.point[row])
+        _out(body, borne.normal[k], record.normal[row])
+        _out(body, borne.friction[k], record.friction_force[row])
+        record.normal_force[row] = borne.load[k]
+        record.torsional_moment[row] = borne.moment[k]
+        record.slip[row] = borne.slip[k]
         record.contact_body[row] = number
         row += 1
     record.contact[i + 1] = row

@@ -34,8 +34,6 @@ from hhsim.kernels.world.columns import (
     States,
     coefficient,
     first_finger,
-    hand_count,
-    pair_count,
     relative_motion,
     torsion_radius,
     write_row,
@@ -209,7 +207,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
     count = as_int64(HAND_FRICTION + 1)
     while count > HAND_FRICTION:
         count = as_int64(0)
-        for p in range(pair_count(problem)):
+        for p in range(problem.pairs):
             for i in range(problem.first[p], problem.last[p]):
                 if distance[i] <= within:
                     count += 1
@@ -218,7 +216,7 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
             if within < 1e-9:
                 break
     count = as_int64(0)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         body = bodies[problem.body[p]]
         if problem.other[p] < 0 and body.friction == 0.0 and body.torsion == 0.0:
             continue
@@ -348,7 +346,7 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
     """Return whether a program has rows that may bend a finger: of its contacts, or of pairs of hands' parts."""
     found = as_bool(states[hand].meeting.meets[finger] == 1)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])
     return found
@@ -357,7 +355,7 @@ def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
 @jit
 def contact_groups(states: States, problem: Record) -> int:
     """Begin the groups of rows with those of contacts and of joint limits; return the row behind these."""
-    pairs, hands = pair_count(problem), hand_count(problem)
+    pairs, hands = problem.pairs, problem.hands
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
@@ -389,7 +387,7 @@ def friction_rows(
 
     The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
     """
-    pairs, row = pair_count(problem), contact_groups(states, problem)
+    pairs, row = problem.pairs, contact_groups(states, problem)
     changed = 0 if problem.is_fresh == 1 else row
     for p in range(pairs):
         fingers = first_finger(problem, problem.hand[p])
