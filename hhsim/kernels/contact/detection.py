@@ -94,15 +94,6 @@ def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
         candidates.slack_change[body] = abs(candidates.slack[body] - before)
 
 
-@jit_inline
-def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -> None:
-    candidates.gathered_slack[body] = candidates.slack[body]
-    for i in range(2 if body < PALM_BODY else BOX_CORNERS):
-        x, y, z = _point(hand, pose, body, i)
-        anchor = candidates.anchor[body, i]
-        anchor[0], anchor[1], anchor[2] = x, y, z
-
-
 class Reach(NamedTuple):
     """Distances up to which pairs are to be known [m]."""
 
@@ -173,12 +164,15 @@ def evaluate_rigid(
         if candidates.due[body] == 0:
             continue
         counted[COUNT_GATHERS] += 1
-        if gather_pairs(surface, hand, pose, body, reach.margin + reach.skin, candidates, walk):
-            _set_anchor(hand, pose, body, candidates)
-        else:
+        if not gather_pairs(surface, hand, pose, body, reach.margin + reach.skin, candidates, walk):
             # The others continue, so that the outcome does not depend on the order.
             candidates.gathered_slack[body] = -np.inf
             status = FULL
+            continue
+        candidates.gathered_slack[body] = candidates.slack[body]
+        for i in range(2 if body < PALM_BODY else BOX_CORNERS):
+            anchor = candidates.anchor[body, i]
+            anchor[0], anchor[1], anchor[2] = _point(hand, pose, body, i)
     for body in range(BODY_COUNT):
         if candidates.count[body] == 0:
             candidates.nearest[body] = np.inf

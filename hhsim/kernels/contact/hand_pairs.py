@@ -34,12 +34,12 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
     phalanx_cone,
     placed_sphere,
+    seen_cone,
 )
 from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, step_between, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import number_of_code
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone import RoundCone, round_cone_pair, round_cone_parameter
 
 OWN_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) // 2 + PHALANX_COUNT * FINGER_COUNT
@@ -179,14 +179,6 @@ def _sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: floa
 
 
 @jit_inline
-def _in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
-    position, rotation = pose.position, pose.rotation
-    x, y, z = turned_back(rotation, cone.x - position[0], cone.y - position[1], cone.z - position[2])
-    ux, uy, uz = turned_back(rotation, cone.ux, cone.uy, cone.uz)
-    return RoundCone(x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop)
-
-
-@jit_inline
 def _next_sphere(hand: HandArrays, cone: RoundCone, limit: float, after: int) -> tuple[int, float]:
     """Find the next palm sphere nearer than `limit` [m] to a cone of the palm frame; its number, -1 for none."""
     group, start = hand.palm_group, hand.palm_group_start
@@ -224,7 +216,7 @@ def next_bodies(
         after = other if i == body else as_int64(-1)
         if other_part == PALM_BODY:
             first = max(after + 1 - PALM_BODY, 0)
-            sphere, distance = _next_sphere(other_hand, _in_palm_frame(other_pose, cone), limit, first)
+            sphere, distance = _next_sphere(other_hand, seen_cone(other_pose, cone), limit, first)
             if sphere >= 0:
                 return as_int64(i), PALM_BODY + sphere, distance
         elif after < other_part:

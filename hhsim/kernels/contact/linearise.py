@@ -64,34 +64,6 @@ PROBLEM = np.dtype(
 """Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
-@jit_inline
-def contact_rows(
-    start: int,
-    stop: int,
-    point: Array,
-    normal: Array,
-    distance: Array,
-    position: Array,
-    inverse_root: Array,
-    offset: float,
-    common: Array,
-    rhs: Array,
-) -> None:
-    """Compute scaled palm columns of contacts start … stop - 1 and their right-hand sides offset - distance."""
-    px, py, pz = position[0], position[1], position[2]
-    translation, rotation = inverse_root[0], inverse_root[3]
-    for i in range(start, stop):
-        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
-        rx, ry, rz = point[0, i] - px, point[1, i] - py, point[2, i] - pz
-        common[0, i] = nx * translation
-        common[1, i] = ny * translation
-        common[2, i] = nz * translation
-        common[3, i] = fused(ry, nz, -rz * ny) * rotation
-        common[4, i] = fused(rz, nx, -rx * nz) * rotation
-        common[5, i] = fused(rx, ny, -ry * nx) * rotation
-        rhs[i] = offset - distance[i]
-
-
 @jit
 def point_jacobian(
     pose: Record,
@@ -152,26 +124,6 @@ def finger_columns(
             block[k, i] = lever * scale if abs(lever) > floor else 0.0
 
 
-@jit_inline
-def follow_abduction(
-    start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
-) -> None:
-    """Subtract from the right-hand sides what an abduction step [rad] about an axis adds to the distances."""
-    bx, by, bz = axis[0], axis[1], axis[2]
-    for i in range(start, stop):
-        rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
-        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
-        rate = product(nx, ny, nz, by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx)
-        rhs[i] -= rate * step
-
-
-@jit
-def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
-    for i in range(start, stop):
-        if rhs[i] > 0.0 and distance[i] >= 0.0:
-            rhs[i] = 0.0
-
-
 @jit
 def limit_rows(
     row: int, flexion: Array, lowest: Array, highest: Array, scale: Array, common: Array, block: Array, rhs: Array
@@ -202,9 +154,20 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
     start, total = contacts.start, contacts.start[FINGER_COUNT + 1]
     point, normal, distance = contacts.point, contacts.normal, contacts.distance
     common, block, rhs, weight = problem.common, problem.block, problem.rhs, problem.inverse_root
-    contact_rows(0, total, point, normal, distance, pose.position, weight, offset, common, rhs)
-    if relaxed:
-        _relax(0, total, distance, rhs)
+    px, py, pz, translation, rotation = pose.position[0], pose.position[1], pose.position[2], weight[0], weight[3]
+    for i in range(total):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rx, ry, rz = point[0, i] - px, point[1, i] - py, point[2, i] - pz
+        common[0, i] = nx * translation
+        common[1, i] = ny * translation
+        common[2, i] = nz * translation
+        common[3, i] = fused(ry, nz, -rz * ny) * rotation
+        common[4, i] = fused(rz, nx, -rx * nz) * rotation
+        common[5, i] = fused(rx, ny, -ry * nx) * rotation
+        rhs[i] = offset - distance[i]
+    for i in range(total if relaxed else 0):
+        if rhs[i] > 0.0 and distance[i] >= 0.0:
+            rhs[i] = 0.0
     for f in range(FINGER_COUNT):
         first, last = start[f + 1], start[f + 2]
         scale = weight[6 + 3 * f : 9 + 3 * f]
@@ -212,9 +175,13 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
             ends = contacts.phalanx_end[f]
             floor = LEVER_FLOOR * hand.length[f, 0]
             finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, floor, block)
-            step = problem.abduction_step[f]
-            if step != 0.0:
-                follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)
+            # An abduction step adds to the distances.
+            step, base, spread = problem.abduction_step[f], pose.joints[f, 0], pose.abduction_axis[f]
+            bx, by, bz = spread[0], spread[1], spread[2]
+            for i in range(first, last if step != 0.0 else first):
+                rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
+                turn = by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx
+                rhs[i] -= product(normal[0, i], normal[1, i], normal[2, i], *turn) * step
         row, low, high = total + 2 * PHALANX_COUNT * f, hand.flexion_min[f], hand.flexion_max[f]
         limit_rows(row, pose.flexion[f], low, high, scale, common, block, rhs)
 
@@ -248,12 +215,6 @@ REFERENCE = -np.inf
 """Mark of a reference contact; infinity marks one that follows, and any other number, its distance [m], an open one."""
 FEWEST = 8
 """Least number of contacts of a body to thin: fewer rows cost less than the search."""
-
-
-@jit_inline
-def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> None:
-    for i in range(np.uint64(start), np.uint64(stop)):
-        open_distance[i] = distance[i]
 
 
 @jit_inline
@@ -309,7 +270,8 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     thins = stop - start >= FEWEST
     if thins:
         point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
-        _open_all(start, stop, distance, open_distance)
+        for i in range(np.uint64(start), np.uint64(stop)):
+            open_distance[i] = distance[i]
         for _ in range(REFERENCES):
             least = least_above(open_distance, start, stop, REFERENCE)
             if least == np.inf:

@@ -31,7 +31,7 @@ from hhsim.kernels.contact.surface import (
     shared_first,
     write_contact,
 )
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, seen_cone
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.mesh.features import MeshFeatures
@@ -348,21 +348,12 @@ def _record(
     return row
 
 
-@jit_inline
-def _seen_cone(part: Record, cone: RoundCone) -> RoundCone:
-    r, p = part.rotation, part.position
-    x, y, z = turned_back(r, cone.x - p[0], cone.y - p[1], cone.z - p[2])
-    ux, uy, uz = turned_back(r, cone.ux, cone.uy, cone.uz)
-    shape = cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
-    return RoundCone(x, y, z, ux, uy, uz, *shape)
-
-
 @cone_distance.of(JointedSurface)
 @jit_noinline
 def _cone_distance(surface: JointedSurface, cone: RoundCone, limit: float, stack: Indices) -> float:
     for p in range(surface.part.shape[0]):
         pieces = _pieces_of(surface, p)
-        limit = cone_distance(pieces, _seen_cone(surface.part[p], cone), limit, stack)
+        limit = cone_distance(pieces, seen_cone(surface.part[p], cone), limit, stack)
     return limit
 
 
