@@ -62,15 +62,6 @@ def add_force(forces: Record, body: int, nx: float, ny: float, nz: float, magnit
 
 
 @jit
-def multiplier_forces(active: Record, forces: Record) -> None:
-    """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
-    for i in range(active.count):
-        body = active.body[i]
-        if body >= 0:
-            add_force(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
-
-
-@jit
 def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]
@@ -165,7 +156,12 @@ def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
     if options.force_model == FORCE_PAPER:
         proxy_forces(options, state)
     else:
-        multiplier_forces(state.active, state.forces)
+        active, normal = state.active, state.active.normal
+        for i in range(active.count):
+            # Joint limits exert no force of the object.
+            if active.body[i] >= 0:
+                magnitude = active.multiplier[i]
+                add_force(state.forces, active.body[i], normal[0, i], normal[1, i], normal[2, i], magnitude)
     eases = snaps and options.force_model == FORCE_KKT
     if eases:
         ease_forces(state)

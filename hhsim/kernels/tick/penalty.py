@@ -150,32 +150,6 @@ def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record
         work.threshold[i] = rhs[i] * (stiffness / damped) if inside else rhs[i]
 
 
-@jit_inline
-def _shortfall(
-    start: int,
-    stop: int,
-    palm: bool,
-    common: Array,
-    block: Array,
-    y: Array,
-    joints: Array,
-    threshold: Array,
-    out: Array,
-) -> None:
-    # r - a · y of contacts start … stop - 1; `joints` (3,) is the part of y that the contacts' finger has.
-    for i in range(start, stop):
-        out[i] = threshold[i]
-    for j in range(6):
-        value = y[j]
-        for i in range(start, stop):
-            out[i] -= common[j, i] * value
-    if not palm:
-        for k in range(PHALANX_COUNT):
-            value = joints[k]
-            for i in range(start, stop):
-                out[i] -= block[k, i] * value
-
-
 @jit
 def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: float, work: Record) -> None:
     # w a aᵀ to the matrix, w r a to the right-hand side; finger -1 is the palm.
@@ -226,12 +200,18 @@ def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int
 @jit
 def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, out: Array) -> None:
     # r - a · y of all contacts.
-    for group in range(FINGER_COUNT + 1):
-        start, stop = contacts.start[group], contacts.start[group + 1]
-        if stop > start:
-            first = max(6 + PHALANX_COUNT * (group - 1), 0)
-            joints = y[first : first + PHALANX_COUNT]
-            _shortfall(start, stop, group == 0, problem.common, problem.block, y, joints, threshold, out)
+    common, block = problem.common, problem.block
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        out[i] = threshold[i]
+    for j in range(6):
+        value = y[j]
+        for i in range(contacts.start[FINGER_COUNT + 1]):
+            out[i] -= common[j, i] * value
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            value = y[6 + PHALANX_COUNT * f + k]
+            for i in range(contacts.start[f + 1], contacts.start[f + 2]):
+                out[i] -= block[k, i] * value
 
 
 @jit_inline

@@ -30,7 +30,7 @@ from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, judge_last_tick
+from hhsim.kernels.tick.restoration import LEAST_TRUST, STEADY, TRUST_DECAY
 from hhsim.kernels.tick.state import (
     STATUS_ABDUCTION_HELD,
     STATUS_LAG,
@@ -50,16 +50,6 @@ SUSPENSION_MARGINS = 10.0
 """Motion of the haptic hand after which palm and fingers are solved apart again, in margins."""
 PROGRESS = 0.9
 """Share of the coupling's energy to which a lagging tick must at least bring it down."""
-
-
-@jit
-def stays_suspended(options: TickOptions, state: Record) -> bool:
-    """Return whether the user's hand is still near where palm and fingers apart made no progress."""
-    decoupling = state.decoupling
-    if not decoupling.is_suspended:
-        return False
-    moved = farthest_joint(decoupling.suspended_joints, state.haptic.joints)
-    return moved <= SUSPENSION_MARGINS * options.margin
 
 
 @jit
@@ -165,10 +155,12 @@ def _carry_over_trust(options: TickOptions, state: Record) -> None:
 @jit_inline
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
-    progress = state.progress
+    progress, prediction, decoupling = state.progress, state.prediction, state.decoupling
     copy_configuration(state.pose, state.safe)
     progress.differs_from_safe = False
-    state.decoupling.is_suspended = stays_suspended(options, state)
+    if decoupling.is_suspended:
+        moved = farthest_joint(decoupling.suspended_joints, state.haptic.joints)
+        decoupling.is_suspended = moved <= SUSPENSION_MARGINS * options.margin
     _carry_over_trust(options, state)
     state.progressive.variables = 6
     progress.is_accepted = False
@@ -178,7 +170,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust.reach = usual_reach(options, state)
-    judge_last_tick(state)
+    prediction.is_steady = progress.lag == 0.0 and progress.path <= STEADY * prediction.previous_path
+    prediction.previous_path = progress.path
     state.work[:] = 0
     progress.path = 0.0
     set_bound(options, state)
