@@ -152,22 +152,15 @@ def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
 
 
 @jit_inline
-def _coordinates(k: int, work: Record, y: Array) -> None:
-    # Rᵀ y = active_rhs.
-    column = work.column
+def resolve(n: int, k: int, target: Array, work: Record) -> None:
+    """Compute the optimum with the active rows as equations: x = x₀ + Qᵀ y, Rᵀ y = b - N x₀, multipliers R u = y."""
+    basis, x, y = work.basis, work.x, work.coefficient[:]
+    chunks = (n + LANES - 1) // LANES
     for i in range(LANES * ((k + LANES - 1) // LANES)):
         y[i] = 0.0
     for i in range(k):
-        total = dot(column[i], y, (i + LANES - 1) // LANES)
+        total = dot(work.column[i], y, (i + LANES - 1) // LANES)
         y[i] = (work.active_rhs[i] - total) * work.inverse_diagonal[i]
-
-
-@jit_inline
-def resolve(n: int, k: int, target: Array, work: Record) -> None:
-    """Compute the optimum with the active rows as equations: x = x₀ + Qᵀ y, Rᵀ y = b - N x₀, multipliers R u = y."""
-    basis, x, y = work.basis, work.x, work.coefficient
-    chunks = (n + LANES - 1) // LANES
-    _coordinates(k, work, y[:])
     for j in range(LANES * chunks):
         x[j] = 0.0
     for i in range(k):
@@ -178,7 +171,7 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
                 x[j] = fused(s, basis[i, j], x[j])
     for j in range(n):
         x[j] += target[j]
-    back_substitute(k, work, y[:], work.multiplier[:])
+    back_substitute(k, work, y, work.multiplier[:])
 
 
 @jit_inline
