@@ -107,41 +107,13 @@ def proxy_forces(options: TickOptions, state: Record) -> None:
 
 
 @jit_inline
-def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: float, forces: Record) -> None:
-    """Compute the normal force at each fingertip that Fig. 9 draws, for fingers whose phalanges bear a force.
-
-    It is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx; E and E₁ are the tips of the
-    graphic and the haptic finger, k the contact stiffness [N/m].
-    """
-    for f in range(FINGER_COUNT):
-        bears = 0.0
-        for k in range(PHALANX_COUNT):
-            for i in range(3):
-                bears += abs(forces.phalanx[f, k, i])
-        if bears == 0.0:
-            continue
-        ex = pose.joints[f, 3, 0] - haptic.joints[f, 3, 0]
-        ey = pose.joints[f, 3, 1] - haptic.joints[f, 3, 1]
-        ez = pose.joints[f, 3, 2] - haptic.joints[f, 3, 2]
-        dx, dy, dz = pose.direction[f, 2, 0], pose.direction[f, 2, 1], pose.direction[f, 2, 2]
-        along = ex * dx + ey * dy + ez * dz
-        nx, ny, nz = ex - along * dx, ey - along * dy, ez - along * dz
-        across = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if across == 0.0:
-            continue
-        scale = contact_stiffness * math.sqrt(ex * ex + ey * ey + ez * ez) / across
-        forces.fingertip_normal[f, 0] = scale * nx
-        forces.fingertip_normal[f, 1] = scale * ny
-        forces.fingertip_normal[f, 2] = scale * nz
-
-
-@jit_inline
-def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, forces: Record) -> None:
-    """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
-    rotation_vector_between(haptic.orientation, pose.orientation, scratch)
+def palm_wrench(state: Record) -> None:
+    """Eq. 1, F = G (q_g - q_h)."""
+    pose, haptic, wrench = state.pose, state.haptic, state.forces.palm_wrench
+    rotation_vector_between(haptic.orientation, pose.orientation, state.scratch)
     for i in range(3):
-        forces.palm_wrench[i] = stiffness[i] * (pose.position[i] - haptic.position[i])
-        forces.palm_wrench[3 + i] = stiffness[3 + i] * scratch[i]
+        wrench[i] = state.stiffness[i] * (pose.position[i] - haptic.position[i])
+        wrench[3 + i] = state.stiffness[3 + i] * state.scratch[i]
 
 
 @jit_inline
@@ -173,10 +145,33 @@ def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
 
 @jit_inline
 def finish_forces(options: TickOptions, state: Record) -> None:
-    """Compute what both models share: the fingertips' normal forces and the palm's wrench."""
+    """Compute what both models share: the palm's wrench, and the normal force at each fingertip that Fig. 9 draws.
+
+    That is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx, for fingers whose phalanges bear
+    a force; E and E₁ are the tips of the graphic and the haptic finger, k the contact stiffness [N/m].
+    """
     pose, haptic, forces = state.pose, state.haptic, state.forces
-    fingertip_normal_forces(pose, haptic, options.contact_stiffness, forces)
-    palm_wrench(pose, haptic, state.stiffness, state.scratch, forces)
+    palm_wrench(state)
+    for f in range(FINGER_COUNT):
+        bears = 0.0
+        for k in range(PHALANX_COUNT):
+            for i in range(3):
+                bears += abs(forces.phalanx[f, k, i])
+        if bears == 0.0:
+            continue
+        ex = pose.joints[f, 3, 0] - haptic.joints[f, 3, 0]
+        ey = pose.joints[f, 3, 1] - haptic.joints[f, 3, 1]
+        ez = pose.joints[f, 3, 2] - haptic.joints[f, 3, 2]
+        dx, dy, dz = pose.direction[f, 2, 0], pose.direction[f, 2, 1], pose.direction[f, 2, 2]
+        along = ex * dx + ey * dy + ez * dz
+        nx, ny, nz = ex - along * dx, ey - along * dy, ez - along * dz
+        across = math.sqrt(nx * nx + ny * ny + nz * nz)
+        if across == 0.0:
+            continue
+        scale = options.contact_stiffness * math.sqrt(ex * ex + ey * ey + ez * ez) / across
+        forces.fingertip_normal[f, 0] = scale * nx
+        forces.fingertip_normal[f, 1] = scale * ny
+        forces.fingertip_normal[f, 2] = scale * nz
 
 
 @jit_noinline

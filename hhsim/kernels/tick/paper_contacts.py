@@ -148,8 +148,8 @@ def gather_phalanx(
     tree: TreeArrays, pose: Record, body: int, growth: float, capacity: int, state: Record, paper: Record
 ) -> int:
     """Gather leaves within `growth` [m] by Eq. 7 (frustum) or Eq. 3 (end sphere); return how many, -1 if too many."""
-    place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
-    frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
+    frustum, closed, kind_out = paper.frustum[body], paper.closed, paper.kind
+    place_frustum(pose, body // PHALANX_COUNT, body % PHALANX_COUNT, frustum)
     work = state.work
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
@@ -290,7 +290,7 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 
     The frustum is that of the phalanx at the palm of t and the joint angles of t - 1.
     """
-    problem, kind, frustum = state.problem, paper.kind, paper.frustum
+    problem, kind, frustum = state.problem, paper.kind, paper.frustum[body]
     finger, phalanx = body // PHALANX_COUNT, body % PHALANX_COUNT
     joints, axis = state.pose.joints[finger], state.pose.axis[finger]
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
@@ -369,7 +369,7 @@ def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Re
     sphere. The distance is that along the normal of the part.
     """
     contacts = state.contacts
-    kind, frustum, closed = paper.kind, paper.frustum, paper.closed
+    kind, frustum, closed = paper.kind, paper.frustum[body], paper.closed
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]

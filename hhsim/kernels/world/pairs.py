@@ -31,7 +31,7 @@ from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline,
 from hhsim.kernels.machine_code import number_of_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between, turned
-from hhsim.kernels.tick.evaluation import evaluate_pose, rebuild_candidates
+from hhsim.kernels.tick.evaluation import evaluate_pose, forget_lists
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import IN_THE_AIR, snap_step
 from hhsim.kernels.world.body import Support
@@ -98,17 +98,12 @@ def measure(method: World) -> bool:
 
 
 @jit
-def rebuild(method: World, states: States) -> bool:
+def rebuild(method: World) -> bool:
     """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
-    world = method.world[0]
-    fits = True
     ask_bodies(method, PLACE, 0.0)
-    for p in range(world.problem.pairs):
-        given = mover_of(method, p), surface_at(method, p), method.options
-        fits = rebuild_candidates(*given, states[p : p + 1]) and fits
-    ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
-    ask_bodies(method, EDGES, 0.0)
-    return fits
+    for p in range(method.world[0].problem.pairs):
+        forget_lists(method.states[p])
+    return measure(method)
 
 
 MOST_RAISES = 5

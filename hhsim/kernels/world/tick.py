@@ -25,15 +25,8 @@ from hhsim.kernels.machine_code import call_code, run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.evaluation import (
-    REACH_FLOOR,
-    end_work,
-    is_budget_spent,
-    least_distance,
-    set_haptic,
-    spent_units,
-)
+from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick, set_haptic
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, least_distance, spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.restoration import (
     TRUST_DECAY,
@@ -43,7 +36,14 @@ from hhsim.kernels.tick.restoration import (
     take_back,
     take_free_share,
 )
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_COUNTERS, WORK_TOUCHING
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_LAG,
+    STATUS_SNAP,
+    WORK_COUNTERS,
+    WORK_LINEARISATIONS,
+    WORK_TOUCHING,
+)
 from hhsim.kernels.tick.step import (
     DURATION_DETECT,
     DURATION_FINGERS,
@@ -325,7 +325,8 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     """Return to the last poses without penetration, take the velocities, the forces and the status bits."""
     world = method.world[0]
     options, progress, states, problem = method.options, state.progress, method.states, world.problem
-    cut_short, still = is_budget_spent(options, state), is_still(problem)
+    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
+    still = is_still(problem)
     pairs_overflow, made_part = _finish_way(method, state)
     ask_bodies(method, SEE, 0.0)
     for p in range(problem.pairs):
@@ -433,7 +434,7 @@ def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
     the pairs do not fit. It is one function, since each of them would be compiled with the whole detection.
     """
     if asked == REBUILD:
-        return as_int64(0 if rebuild(method, states) else -1)
+        return as_int64(0 if rebuild(method) else -1)
     if asked == MEASURE:
         return as_int64(0 if measure(method) else -1)
     if method.giving == 0:
@@ -472,14 +473,7 @@ def run_many(
         cpu = thread_team_cpu_ns(states[0].thread_team)
         wall = monotonic_ns()
         for h in range(hands):
-            world.taken[h] = set_haptic(
-                method.movers[h],
-                haptic.position[h, i],
-                haptic.orientation[h, i],
-                haptic.flexion[h, i],
-                haptic.abduction[h, i],
-                states[h],
-            )
+            world.taken[h] = set_haptic(method.movers[h], haptic, (h, i), states[h])
         for k in range(world.problem.bodies):
             if world.bodies[k].is_driven == 1:
                 drive_body(world.bodies[k], driven[k, i])
