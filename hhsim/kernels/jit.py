@@ -19,6 +19,7 @@ from hhsim.kernels.kernel_cache import implementing_kernels, kernel_sources
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
+Triple: TypeAlias = tuple[float, float, float]
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
 

@@ -201,11 +201,12 @@ class WorldEngine:
         method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
         code: dict[str, Any] = {}
         if self.bodies:
-            from hhsim.kernels.world.bodies import do_bodies, solve_with_bodies
+            from hhsim.kernels.world.bodies import do_bodies
+            from hhsim.kernels.world.program import solve_free
             from hhsim.kernels.world.record import record_bodies
 
             code["bodies"] = code_of(do_bodies, method, 0, 0.0)
-            code["solving"] = code_of(solve_with_bodies, method, states[0], False, self.qp)
+            code["solving"] = code_of(solve_free, method, states[0], False, self.qp)
             code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
         if len(self._pairs) > 1:
             code["pairs"] = code_of(write_other_pairs, method, states[0])

@@ -26,7 +26,7 @@ from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.lists import gather_pairs, measure_pairs
 from hhsim.kernels.contact.surface import COUNT_GATHERS, COUNT_PAIR_TESTS, Walk, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Indices, Record, Triple, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import call_code
 
 CONTACT_ROWS = 4088
@@ -62,7 +62,7 @@ FAR = 4.0
 
 
 @jit_inline
-def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float]:
+def _point(hand: HandArrays, pose: Record, body: int, i: int) -> Triple:
     """Return end i of a phalanx, or corner i of the palm's box [m], world."""
     if body < PALM_BODY:
         joint = pose.joints[body // PHALANX_COUNT, body % PHALANX_COUNT + i]

@@ -261,38 +261,30 @@ def _distance(pairs: HandPairs, pair: int) -> float:
 
 
 @jit_inline
-def _finger_motions(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
-    """Compute how far any axis point of each part goes at most in the palm frame [m], shape (16,), in a step (21,).
-
-    Return the most by which two parts come nearer [m].
-    """
-    motion_out[PALM_BODY], largest = 0.0, 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            total = abs(abduction_step[f]) * hand.lever[f, k, 0]
-            for i in range(k + 1):
-                total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
-            motion_out[PHALANX_COUNT * f + k] = total
-            # A bound that is no number is not to be lost.
-            largest = largest if total <= largest else total
-    return 2.0 * largest
-
-
-@jit_inline
 def _motions(
     pairs: HandPairs, h: int, step: Array, abduction_step: Array, enough: float, motion_out: Array
 ) -> tuple[float, float]:
     """Bound the motion of a hand's parts in a step, shape (2, 16); return the most by which it brings parts nearer.
 
-    That is of two of its own, and of one and what stands still [m]; `enough` as of `motion_bounds`.
+    That is of two of its own, in the palm's frame, and of one and what stands still [m]; `enough` as of
+    `motion_bounds`.
     """
-    own, most = _finger_motions(_hand(pairs, h), step, abduction_step, motion_out[OWN]), 0.0
+    hand, own, largest, most = _hand(pairs, h), motion_out[OWN], 0.0, 0.0
+    own[PALM_BODY] = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            total = abs(abduction_step[f]) * hand.lever[f, k, 0]
+            for i in range(k + 1):
+                total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
+            own[PHALANX_COUNT * f + k] = total
+            # A bound that is no number is not to be lost.
+            largest = largest if total <= largest else total
     if pairs.hands > 1:
-        motion_bounds(_hand(pairs, h), pairs.states[h].pose, step, abduction_step, enough, motion_out[CROSS])
+        motion_bounds(hand, pairs.states[h].pose, step, abduction_step, enough, motion_out[CROSS])
         for part in range(BODY_COUNT):
             motion = motion_out[CROSS, part]
             most = most if motion <= most else motion
-    return own, most
+    return 2.0 * largest, most
 
 
 @jit
@@ -399,31 +391,6 @@ def self_clearances(
 
 
 @jit
-def _write_point(
-    pose: Record,
-    hand: int,
-    body: int,
-    point: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    floor: float,
-    crosses: bool,
-    row: int,
-    rows: Record,
-) -> None:
-    """Write how a body's point moves along a normal with its hand, whose palm counts if the pair is of two hands.
-
-    `floor` [m] is as of `point_jacobian`.
-    """
-    gradient, (x, y, z), (nx, ny, nz) = rows.gradient[row, hand], point, normal
-    if body < PALM_BODY:
-        point_jacobian(pose, body, point, normal, floor, gradient, rows.spread[row, hand])
-    if crosses:
-        rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
-        gradient[0], gradient[1], gradient[2] = nx, ny, nz
-        gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
-
-
-@jit
 def _write_cones(
     poses: tuple[Record, Record],
     hands: tuple[int, int],
@@ -433,21 +400,27 @@ def _write_cones(
     row: int,
     rows: Record,
 ) -> None:
-    """Write distance, normal and gradient of two bodies to a row."""
-    normal, (one, two), crosses = rows.normal[row], cones, hands[0] != hands[1]
-    rows.distance[row], s, t, normal[0], normal[1], normal[2] = round_cone_pair(one, two)
+    """Write distance, normal and gradient of two bodies to a row; `floors` [m] are as of `point_jacobian`."""
+    normal = rows.normal[row]
+    rows.distance[row], s, t, normal[0], normal[1], normal[2] = round_cone_pair(cones[0], cones[1])
     for h in range(2):
         for j in range(DOF):
             rows.gradient[row, h, j] = 0.0
         for f in range(FINGER_COUNT):
             rows.spread[row, h, f] = 0.0
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    along = s * one.length
-    point = one.x + along * one.ux, one.y + along * one.uy, one.z + along * one.uz
-    _write_point(poses[0], hands[0], bodies[0], point, (nx, ny, nz), floors[0], crosses, row, rows)
-    along = t * two.length
-    point = two.x + along * two.ux, two.y + along * two.uy, two.z + along * two.uz
-    _write_point(poses[1], hands[1], bodies[1], point, (-nx, -ny, -nz), floors[1], crosses, row, rows)
+    # How the point of each body moves along the normal with its hand.
+    for side in range(2):
+        pose, hand, cone, sign = poses[side], hands[side], cones[side], 1.0 if side == 0 else -1.0
+        along, gradient = (s if side == 0 else t) * cone.length, rows.gradient[row, hand]
+        x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
+        nx, ny, nz = sign * normal[0], sign * normal[1], sign * normal[2]
+        if bodies[side] < PALM_BODY:
+            spread = rows.spread[row, hand]
+            point_jacobian(pose, bodies[side], (x, y, z), (nx, ny, nz), floors[side], gradient, spread)
+        if hands[0] != hands[1]:
+            rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
+            gradient[0], gradient[1], gradient[2] = nx, ny, nz
+            gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
 
 
 @jit_inline

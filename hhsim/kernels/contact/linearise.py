@@ -39,7 +39,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import fused, least_above, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, Triple, jit, jit_inline
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -66,13 +66,7 @@ PROBLEM = np.dtype(
 
 @jit
 def point_jacobian(
-    pose: Record,
-    body: int,
-    point: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    floor: float,
-    gradient_out: Array,
-    spread_out: Array,
+    pose: Record, body: int, point: Triple, normal: Triple, floor: float, gradient_out: Array, spread_out: Array
 ) -> None:
     """Write how a point [m] of a phalanx moves along a normal with its finger's joints and abduction, (21,) and (5,).
 
@@ -93,27 +87,15 @@ def point_jacobian(
 
 
 @jit
-def finger_columns(
-    start: int,
-    stop: int,
-    phalanx_end: Indices,
-    point: Array,
-    normal: Array,
-    joints: Array,
-    axis: Array,
-    inverse_root: Array,
-    floor: float,
-    block: Array,
-) -> None:
-    """Compute scaled columns of one finger's contacts start … stop - 1; levers up to `floor` [m] count as zero.
-
-    `phalanx_end`, shape (3,), is the end of each phalanx's contacts: a joint does not move the phalanges before it.
-    """
-    ax, ay, az = axis[0], axis[1], axis[2]
+def finger_columns(pose: Record, f: int, contacts: Record, inverse_root: Array, floor: float, block: Array) -> None:
+    """Compute the columns of a finger's contacts, scaled by (3,) of its joints; levers up to `floor` [m] are zero."""
+    start, stop, point, normal = contacts.start[f + 1], contacts.start[f + 2], contacts.point, contacts.normal
+    ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
     for k in range(PHALANX_COUNT):
-        jx, jy, jz = joints[k, 0], joints[k, 1], joints[k, 2]
+        jx, jy, jz = pose.joints[f, k, 0], pose.joints[f, k, 1], pose.joints[f, k, 2]
         scale = inverse_root[k]
-        first = start if k == 0 else phalanx_end[k - 1]
+        # A joint does not move the phalanges before it.
+        first = start if k == 0 else contacts.phalanx_end[f, k - 1]
         for i in range(start, first):
             block[k, i] = 0.0
         for i in range(first, stop):
@@ -172,9 +154,7 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
         first, last = start[f + 1], start[f + 2]
         scale = weight[6 + 3 * f : 9 + 3 * f]
         if last > first:
-            ends = contacts.phalanx_end[f]
-            floor = LEVER_FLOOR * hand.length[f, 0]
-            finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, floor, block)
+            finger_columns(pose, f, contacts, scale, LEVER_FLOOR * hand.length[f, 0], block)
             # An abduction step adds to the distances.
             step, base, spread = problem.abduction_step[f], pose.joints[f, 0], pose.abduction_axis[f]
             bx, by, bz = spread[0], spread[1], spread[2]
@@ -219,17 +199,9 @@ FEWEST = 8
 
 @jit_inline
 def _drop_implied(
-    start: int,
-    stop: int,
-    reference: int,
-    per_metre: float,
-    reach: float,
-    point: Array,
-    normal: Array,
-    distance: Array,
-    hand_radius: Array,
-    open_distance: Array,
+    start: int, stop: int, reference: int, per_metre: float, reach: float, contacts: Record, open_distance: Array
 ) -> None:
+    point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
     r = hand_radius[reference]
     ax, ay, az = normal[0, reference], normal[1, reference], normal[2, reference]
     bx, by = fused(r, ax, point[0, reference]), fused(r, ay, point[1, reference])
@@ -269,9 +241,8 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     """Move those of the contacts [start, stop) that do not follow to `row` and on; return the row after them."""
     thins = stop - start >= FEWEST
     if thins:
-        point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
         for i in range(np.uint64(start), np.uint64(stop)):
-            open_distance[i] = distance[i]
+            open_distance[i] = contacts.distance[i]
         for _ in range(REFERENCES):
             least = least_above(open_distance, start, stop, REFERENCE)
             if least == np.inf:
@@ -280,9 +251,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
             while open_distance[nearest] != least:
                 nearest += 1
             open_distance[nearest] = REFERENCE
-            _drop_implied(
-                start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, open_distance
-            )
+            _drop_implied(start, stop, nearest, reach / lever, reach, contacts, open_distance)
     for i in range(start, stop):
         if not thins or open_distance[i] < np.inf:
             if row < i:

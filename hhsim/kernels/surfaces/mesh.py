@@ -25,7 +25,7 @@ from hhsim.kernels.contact.surface import (
     record_pieces,
     write_contact,
 )
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_int64, jit, jit_inline
 from hhsim.kernels.memory import prefetch
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
@@ -255,9 +255,7 @@ def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
 
 
 @jit_inline
-def _into_cone(
-    directions: Array, start: int, stop: int, nx: float, ny: float, nz: float
-) -> tuple[bool, int, tuple[float, float, float]]:
+def _into_cone(directions: Array, start: int, stop: int, nx: float, ny: float, nz: float) -> tuple[bool, int, Triple]:
     """Bring a unit vector just beyond a side of a normal cone into it; return success, that side or -1, the vector."""
     side, over = -1, 0.0
     for w in range(start, stop):
@@ -357,7 +355,7 @@ def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
 
 
 @jit_inline
-def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
+def _across(wx: float, wy: float, wz: float) -> Triple:
     """Return a unit vector across w: where an axis meets an edge every direction is as good."""
     if abs(wx) <= abs(wy):
         scale = 1.0 / math.sqrt(wy * wy + wz * wz)

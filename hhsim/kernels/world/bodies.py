@@ -10,7 +10,6 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS
@@ -67,7 +66,7 @@ from hhsim.kernels.world.pairs import (
     mover_of,
     take_hands,
 )
-from hhsim.kernels.world.program import ROUNDS, clip_shifts, solve_free, take_steps
+from hhsim.kernels.world.program import SEARCHED, clip_shifts, take_steps
 from hhsim.kernels.world.record import clear_borne, find_borne, turn_loads
 from hhsim.kernels.world.rows import begin_frictions, find_frictions
 from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lowest, table_distances
@@ -75,8 +74,6 @@ from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lo
 CLOSE = 20.0
 FLOATS = 2.0
 """Contacts up to CLOSE offsets, plus FLOATS times the residual of Γ of the tick before, have rows of friction."""
-SEARCHED = 2
-"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
 
 @jit
@@ -91,18 +88,8 @@ def _measure_edges(method: World) -> None:
             continue
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
         far = options.margin + options.skin
-        measure_edges(
-            method.movers[problem.hands + other],
-            method.edges[other],
-            method.edges[number],
-            world.bodies[number].center[:],
-            each.pose,
-            needed,
-            far,
-            each.candidates,
-            method.edge_pairs[p],
-            problem.scratch[:],
-        )
+        mover, edges, others = method.movers[problem.hands + other], method.edges[other], method.edges[number]
+        measure_edges(mover, edges, others, world.bodies[number].center[:], needed, far, each, method.edge_pairs[p])
 
 
 @jit
@@ -160,7 +147,7 @@ def _begin(method: World) -> None:
     world = method.world[0]
     problem = world.problem
     _place_pairs(method)
-    begin_joints(method.states, world.bodies, problem)
+    begin_joints(method.states, world)
     for p in range(1, problem.pairs):
         begin_tick(method.options, method.states[p])
     begin_bounds(method.options, method.states, world)
@@ -208,11 +195,11 @@ def _aim(method: World) -> None:
 def _write_columns(method: World) -> int:
     """Write the bodies' columns, and find the contacts with friction or the table; return how many rows these add."""
     world, state, options = method.world[0], method.states[0], method.options
-    problem, bodies, contacts, friction = world.problem, world.bodies, state.contacts, world.friction
-    object_columns(method.states, bodies, contacts, problem)
+    problem, bodies, friction = world.problem, world.bodies, world.friction
+    object_columns(method.states, world)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
     close = CLOSE * options.offset + FLOATS * world.borne[world.accepted].residual
-    find_frictions(bodies, contacts, problem, close, friction)
+    find_frictions(world, state.contacts, close)
     joints = as_int64(0)
     for k in range(problem.bodies):
         joints += 1 if has_joint_rows(bodies[k]) else 0
@@ -225,7 +212,7 @@ def _write_columns(method: World) -> int:
         step, abduction = problem.total[:], problem.abduction_total[:]
     # Directions that went on turning would give each program another one, and the tick no end.
     turns = as_bool(programs < SEARCHED)
-    begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
+    begin_frictions(method.states, world, step, abduction, turns)
     return as_int64(friction.count - friction.of_hand + joints)
 
 
@@ -242,20 +229,9 @@ def _clip(method: World, off: float) -> None:
 
 
 @jit
-def solve_with_bodies(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
-    """Solve a program of hands and bodies, see `solve_free`; returns a status of `kernels.qp.active_set`."""
-    world, rounds = method.world[0], as_int64(1)
-    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
-        # Where searches came to nothing of late there is none.
-        rounds = as_int64(1 if world.coulomb.wait > 0 else ROUNDS)
-        world.coulomb.wait = max(world.coulomb.wait - 1, 0)
-    return as_int64(solve_free(method.options, method.states, world, rounds, clipped, qp))
-
-
-@jit
 def _bear(method: World, fraction: float) -> None:
     """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
-    world, states = method.world[0], method.states
+    world = method.world[0]
     problem, total, delta = world.problem, world.problem.total, world.problem.delta
     for k in range(problem.bodies):
         body, j = world.bodies[k], problem.column[k]
@@ -265,8 +241,7 @@ def _bear(method: World, fraction: float) -> None:
         total[j] += fraction * delta[j]
     for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    tried = world.borne[1 - world.accepted]
-    find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, tried)
+    find_borne(method.states, world)
 
 
 @jit
@@ -373,7 +348,7 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     elif asked == COLUMNS:
         return float(_write_columns(method))
     elif asked == REWRITE:
-        object_columns(method.states, world.bodies, state.contacts, problem)
+        object_columns(method.states, world)
     elif asked == CLIP:
         _clip(method, value)
     elif asked == SHIFTS:
@@ -394,7 +369,7 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     elif asked == KEEP:
         _keep(world)
     elif asked == HOLD:
-        return 1.0 if joints_hold(method.states, world.bodies, problem) else 0.0
+        return 1.0 if joints_hold(method.states, world) else 0.0
     elif asked == BACK:
         _take_back(world)
     elif asked == SEE:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, Triple, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.world.body import SLIDER
@@ -86,18 +86,19 @@ def own_columns(problem: Record, of: int) -> int:
 
 
 @jit
-def coefficient(bodies: Record, problem: Record, of: int) -> float:
+def coefficient(world: Record, of: int) -> float:
     """μ of a contact."""
-    body, other = bodies[body_of(problem, of)], other_of(problem, of)
+    body, other = world.bodies[body_of(world.problem, of)], other_of(world.problem, of)
     if other >= 0:
-        return math.sqrt(body.table_friction * bodies[other].table_friction)
+        return math.sqrt(body.table_friction * world.bodies[other].table_friction)
     return body.table_friction if of < 0 else body.friction
 
 
 @jit
-def torsion_radius(bodies: Record, problem: Record, of: int) -> float:
+def torsion_radius(world: Record, of: int) -> float:
     """γ of a contact [m]: what a hand's bears, and no other."""
-    return 0.0 if of < 0 or other_of(problem, of) >= 0 else bodies[body_of(problem, of)].torsion
+    is_hand = of >= 0 and other_of(world.problem, of) < 0
+    return world.bodies[body_of(world.problem, of)].torsion if is_hand else 0.0
 
 
 @jit
@@ -133,14 +134,7 @@ def _fold(body: Record, column: int, row: int, common: Array) -> None:
 
 @jit
 def _other_columns(
-    body: Record,
-    pose: Record,
-    column: int,
-    row: int,
-    p: Array,
-    m: tuple[float, float, float],
-    w: tuple[float, float, float],
-    common: Array,
+    body: Record, pose: Record, column: int, row: int, p: Array, m: Triple, w: Triple, common: Array
 ) -> None:
     # Columns of the body that meets the contact's one, in whose frame its centre is at `pose`.
     r, root = pose.rotation, body.inverse_root
@@ -183,6 +177,13 @@ def wide_rows(problem: Record) -> Rows:
     )
 
 
+@jit_inline
+def name_row(problem: Record, row: int, key: int, owner: int, kind: int) -> int:
+    """Name a row by its key, its place among the contacts with friction or -1, and its kind; return the one behind."""
+    problem.key[row], problem.owner[row], problem.kind[row] = key, owner, kind
+    return row + 1
+
+
 @jit
 def name_rows(contacts: Record, problem: Record) -> None:
     """Name the normal rows of all contacts and the joint limits by keys, and clear their columns but the palm's.
@@ -206,9 +207,9 @@ def name_rows(contacts: Record, problem: Record) -> None:
 
 
 @jit
-def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
+def object_columns(states: States, world: Record) -> None:
     """Write the bodies' columns of the rows that `name_rows` has named."""
-    common = problem.common
+    bodies, problem, common, contacts = world.bodies, world.problem, world.problem.common, states[0].contacts
     for p in range(problem.pairs):
         first, last, number = problem.first[p], problem.last[p], problem.body[p]
         column, palm = problem.column[number], problem.palm[problem.hand[p]]
@@ -229,12 +230,13 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
 
 @jit
 def relative_motion(
-    states: States, bodies: Record, problem: Record, abduction_step: Array, step: Array, of: int, point: Array
+    states: States, world: Record, abduction_step: Array, step: Array, of: int, point: Array
 ) -> tuple[float, float, float, float, float, float]:
     """Compute displacement [m] and rotation [rad] of what meets a body, at a point of it; of the table, the body's own.
 
     They are relative to the contact's body, in its frame; the step is unscaled, in the program's order.
     """
+    bodies, problem = world.bodies, world.problem
     number = body_of(problem, of)
     body, c = bodies[number], problem.column[number]
     px, py, pz = point[0], point[1], point[2]
@@ -292,18 +294,9 @@ def relative_motion(
 
 
 @jit
-def write_row(
-    states: States,
-    bodies: Record,
-    problem: Record,
-    of: int,
-    row: int,
-    point: Array,
-    m: tuple[float, float, float],
-    w: tuple[float, float, float],
-    rhs: float,
-) -> None:
+def write_row(states: States, world: Record, of: int, row: int, point: Array, m: Triple, w: Triple, rhs: float) -> None:
     """Write a row for the displacement along m plus the rotation along w."""
+    bodies, problem = world.bodies, world.problem
     number, other = body_of(problem, of), other_of(problem, of)
     body, column = bodies[number], problem.column[number]
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root

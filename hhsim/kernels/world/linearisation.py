@@ -175,7 +175,7 @@ def prepare(method: World, near: float, state: Record) -> int:
     _write_contacts(method, state)
     name_rows(state.contacts, problem)
     count += int(ask_bodies(method, COLUMNS, 0.0))
-    scale_target(world.bodies, problem)
+    scale_target(world)
     for p in range(problem.pairs if near == 0.0 else 0):
         each = method.states[p]
         given = mover_of(method, p), surface_at(method, p), options
@@ -202,7 +202,7 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     problem.share = share
     if not clipped:
         _aim_fingers(method, world)
-        scale_target(world.bodies, problem)
+        scale_target(world)
     return True
 
 
@@ -291,7 +291,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_step[f] *= fraction
     _write_anew(method, state)
-    scale_target(world.bodies, problem)
+    scale_target(world)
     ask_bodies(method, SHIFTS, fraction)
     return longest, fraction
 

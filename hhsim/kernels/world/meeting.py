@@ -11,7 +11,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.kernels.world.columns import States, common_count
+from hhsim.kernels.world.columns import States, common_count, name_row
 
 MEETING_KEYS = -100
 """Keys of dense rows go down from here: below those of the fingers' limits, and above those of joints."""
@@ -63,10 +63,7 @@ def dense_rows(states: States, pairs: Record, offset: float, row: int, problem: 
             for j in range(fingers):
                 problem.dense[i, fingers * h + j] = pairs.gradient[i, h, 6 + j] * weight[6 + j]
         problem.rhs[row] = row_rest(offset, states, hands, i, pairs)
-        problem.key[row] = MEETING_KEYS - i
-        problem.owner[row] = -1
-        problem.kind[row] = 0
-        row += 1
+        row = name_row(problem, row, MEETING_KEYS - i, as_int64(-1), as_int64(0))
     return as_int64(row)
 
 

@@ -11,12 +11,14 @@ from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
 from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
 from hhsim.kernels.world.friction import NO_LOAD, end_search, find_leanings, lower_slips, next_slips
 from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
+from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
     TABLE_KEYS,
@@ -27,6 +29,8 @@ from hhsim.kernels.world.rows import (
     measure_slip,
 )
 
+SEARCHED = 2
+"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
 CONVERGES = 0.5
@@ -88,8 +92,9 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
 
 
 @jit
-def scale_target(bodies: Record, problem: Record) -> None:
+def scale_target(world: Record) -> None:
     """Write the program's target, scaled and in its order."""
+    bodies, problem = world.bodies, world.problem
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
     for h in range(problem.hands):
         for j in range(DOF):
@@ -209,9 +214,9 @@ def _read(problem: Record, friction: Record, loaded: Record, pairs: Record, qp: 
 
 
 @jit
-def _is_settled(states: States, bodies: Record, offset: float, problem: Record, friction: Record) -> bool:
+def _is_settled(states: States, offset: float, world: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
-    settled = True
+    problem, friction, settled = world.problem, world.friction, True
     problem.gamma_error = 0.0
     for j in range(variable_count(problem)):
         problem.whole[j] = problem.total[j] + problem.delta[j]
@@ -220,7 +225,7 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
-        slip = measure_slip(states, bodies, problem, problem.whole[:], problem.whole_abduction[:], friction, i)
+        slip = measure_slip(states, world, problem.whole[:], problem.whole_abduction[:], i)
         friction.length[i] = slip
         load = friction.plain[i] + friction.cone[i]
         if load == 0.0:
@@ -257,10 +262,10 @@ def _rest(bodies: Record, problem: Record) -> None:
 
 
 @jit
-def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> None:
+def _hold(offset: float, world: Record) -> None:
     # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
     # the slip itself, or what is left of one would move what sticks to and fro.
-    count = as_int64(0)
+    friction, held, count = world.friction, world.held, as_int64(0)
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
@@ -273,7 +278,7 @@ def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> No
         for j in range(3):
             held.along[count, j] = friction.along[i, 0, j]
         for j in range(4):
-            held.leaning[count, j] = leanings.wanted[i, j]
+            held.leaning[count, j] = world.leanings.wanted[i, j]
         count += 1
     held.count = count
 
@@ -318,17 +323,20 @@ def solve_plain(options: TickOptions, states: States, world: Record, qp: QpWork)
 
 
 @jit
-def solve_free(options: TickOptions, states: States, world: Record, rounds: int, clipped: bool, qp: QpWork) -> int:
+def solve_free(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve for a step of hands and bodies, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the pairs' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
-    for a part of the tick's slip, and is not kept. Returns a status of
-    `kernels.qp.active_set`.
+    for a part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
     """
-    bodies, step = world.bodies, states[0].step
+    options, states, world, step = method.options, method.states, method.world[0], state.step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
-    offset, relaxed = options.offset, states[0].program.is_relaxed
-    friction_rows(states, bodies, offset, relaxed, problem, friction, world.hand_pairs)
+    offset, relaxed, rounds = options.offset, state.program.is_relaxed, as_int64(1)
+    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
+        # Where searches came to nothing of late there is none.
+        rounds = as_int64(1 if coulomb.wait > 0 else ROUNDS)
+        coulomb.wait = max(coulomb.wait - 1, 0)
+    friction_rows(states, world, offset, relaxed)
     rows = wide_rows(problem)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded, world.hand_pairs)
@@ -338,8 +346,8 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     for i in range(rounds + REPAIRS + 2):
         status = _solve_once(options, rows, guessed, world, step, qp)
         if status != OPTIMAL:
-            return status
-        if _is_settled(states, bodies, offset, problem, friction):
+            return as_int64(status)
+        if _is_settled(states, offset, world):
             if seeks:
                 coulomb.failures = 0
             break
@@ -360,23 +368,23 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
                 guessed = RESUMES
                 for c in range(lowered):
                     j = coulomb.contact[c]
-                    contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
+                    contact_rows(states, world, offset, relaxed, j, friction.row[j])
                 continue
             # Once these are lowered others may be too large: none is of which all are 0.
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.has_friction[j] == 1:
-                contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
+                contact_rows(states, world, offset, relaxed, j, friction.row[j])
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
-        _hold(offset, friction, world.leanings, world.held)
+        find_leanings(floats, world)
+        _hold(offset, world)
     if options.correcting != 0 and ask_code(options.correcting, (options, states, world, qp)):
-        read_step(bodies, problem, qp)
+        read_step(world.bodies, problem, qp)
     if loaded.count > 0:
-        _rest(bodies, problem)
-    take_steps(states, bodies, 1.0, problem)
-    return OPTIMAL
+        _rest(world.bodies, problem)
+    take_steps(states, world.bodies, 1.0, problem)
+    return as_int64(OPTIMAL)

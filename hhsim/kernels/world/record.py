@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import hypotenuse
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_int64, jit, jit_noinline
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
@@ -88,9 +88,7 @@ class WorldRecord(NamedTuple):
 
 
 @jit
-def _push(
-    r: tuple[float, float, float], m: tuple[float, float, float], size: float, turn: float, n: Any, wrench: Array
-) -> None:
+def _push(r: Triple, m: Triple, size: float, turn: float, n: Any, wrench: Array) -> None:
     # Add a force along m at a point by its place from the centre, and a moment along n, to the wrench on a body.
     rx, ry, rz = r
     mx, my, mz = m
@@ -103,7 +101,7 @@ def _push(
 
 
 @jit
-def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: tuple[float, float, float]) -> None:
+def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: Triple) -> None:
     # Add a force to those on a hand, which are in the frame of the first body.
     pair = of // BODY_COUNT
     hand = problem.hand[pair]
@@ -125,8 +123,9 @@ def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: t
 
 
 @jit_noinline
-def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record, borne: Record) -> None:
+def _bear_joints(states: States, world: Record, borne: Record) -> None:
     """Add the loads of rows of joints of two free bodies to the wrenches on both."""
+    bodies, problem, loaded = world.bodies, world.problem, world.loaded
     for i in range(loaded.count):
         row, force = loaded.row[i], loaded.multiplier[i]
         if problem.kind[row] != PAIR_KIND:
@@ -158,15 +157,15 @@ def clear_borne(bodies: int, borne: Record) -> None:
 
 
 @jit
-def find_borne(
-    states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
-) -> None:
-    """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
+def find_borne(states: States, world: Record) -> None:
+    """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact."""
+    bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
+    contacts, borne = states[0].contacts, world.borne[1 - world.accepted]
     clear_borne(problem.bodies, borne)
     count = as_int64(0)
     for p in range(problem.pairs):
         states[p].warm.count = 0
-    _bear_joints(states, bodies, problem, loaded, borne)
+    _bear_joints(states, world, borne)
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
@@ -197,12 +196,12 @@ def find_borne(
         if kind > 0:
             e = (kind - 1) % DIRECTIONS
             sign = -1.0 if kind <= DIRECTIONS else 1.0
-            push = sign * coefficient(bodies, problem, of)
+            push = sign * coefficient(world, of)
             t = friction.along[owner, e]
             mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
             for j in range(3):
                 borne.friction[at, j] += force * push * t[j]
-            moment = sign * torsion_radius(bodies, problem, of) * friction.about[owner, e] * force
+            moment = sign * torsion_radius(world, of) * friction.about[owner, e] * force
             borne.moment[at] += moment
         m, center = (mx, my, mz), bodies[number].center
         r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
@@ -222,15 +221,15 @@ def find_borne(
     for i in range(count):
         p, n, of = borne.point[i], borne.normal[i], borne.body[i]
         way, spread = problem.total[:], problem.abduction_total[:]
-        x, y, z, wx, wy, wz = relative_motion(states, bodies, problem, spread, way, of, p)
+        x, y, z, wx, wy, wz = relative_motion(states, world, spread, way, of, p)
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
         place = borne.contact[i]
         if place < 0 or friction.has_friction[place] == 0:
-            radius = torsion_radius(bodies, problem, of)
+            radius = torsion_radius(world, of)
             spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
-            borne.bare = max(borne.bare, hypotenuse(coefficient(bodies, problem, of) * borne.slip[i], spin))
+            borne.bare = max(borne.bare, hypotenuse(coefficient(world, of) * borne.slip[i], spin))
 
 
 @jit

@@ -29,11 +29,11 @@ meet with a small radius. Contacts of bodies that move count as flat.
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from hhsim.kernels.contact.hand_pairs import PairsCode
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.machine_code import run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
@@ -41,8 +41,6 @@ from hhsim.kernels.qp.qr_update import project
 from hhsim.kernels.qp.row_scan import Rows, row_violations
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.world.columns import States, common_count, first_finger, is_still, variable_count, wide_rows
-
-Triple: TypeAlias = tuple[float, float, float]
 
 
 @jit_inline
