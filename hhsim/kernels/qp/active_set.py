@@ -151,16 +151,6 @@ def _take_guess(n: int, rows: Rows, target: Array, guess: Indices, guess_count: 
 
 
 @jit
-def _leave_out_active(k: int, shift: float, work: Record) -> float:
-    """Set the violations of the active rows to 0; return the largest, which is rounding."""
-    drift = 0.0
-    for j in range(k):
-        drift = max(drift, abs(work.violation[work.active[j]] - shift))
-        work.violation[work.active[j]] = 0.0
-    return drift
-
-
-@jit
 def _ratio_test(k: int, work: Record) -> tuple[float, int, float]:
     """Find the active row whose multiplier first falls to 0: step length, index (-1: none), 1 + Σ |dual step|."""
     largest, total = 1.0, 1.0
@@ -294,7 +284,11 @@ def solve(
         if not known:
             row_violations(rows, work.x[:], inverse_norm, violations)
         known = False
-        drift = _leave_out_active(k, shift, work)
+        drift = 0.0
+        for j in range(k):
+            # What violates an active row is rounding.
+            drift = max(drift, abs(violations[work.active[j]] - shift))
+            violations[work.active[j]] = 0.0
         row = most_violated(violations, rows)
         worst = violations[row] - shift if row >= 0 else -np.inf
         if worst <= tolerance:
