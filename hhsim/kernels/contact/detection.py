@@ -1,7 +1,5 @@
 """Contact detection on any surface, and the addresses by which ticks call it.
 
-Contact detection: near pairs of a hand body and a piece of the object, and their distances.
-
 *Gathering* walks the object's hierarchy for a body with a margin plus a skin and copies what it finds into contiguous
 arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
 
@@ -11,10 +9,9 @@ means of them. So these pieces are still at least slack = gathered_slack - that 
 before its slack falls below what the next step needs, less an allowed deficit; a step that is longer than the slack
 gathers it first, or is cut short.
 
-A surface as ticks take it, whatever its kind: the addresses of the machine code that looks at it, and of its arrays.
-
-So that a tick is compiled once for all surfaces, and each surface's own code once for all ticks. It is called a few
-times a program, with all bodies of a hand at once.
+Ticks know a surface by the addresses of the machine code that looks at it, and of its arrays: so a tick is compiled
+once for all surfaces, and each surface's own code once for all ticks. It is called a few times a program, with all
+bodies of a hand at once.
 """
 
 import math

@@ -1,7 +1,5 @@
 """Rows of a quadratic program from contacts and joint limits, and which of them follow from others.
 
-Quadratic program of one linearisation, from contact records and joint limits.
-
 Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the
 paper's Eq. 2,
 
@@ -14,8 +12,6 @@ row cannot penetrate by translation; the remainder is second order in the rotati
 With P the contact point, n the normal, p the palm's origin, J_k and a the centre and axis of a joint,
 ∇d = (n, (P - p) × n, n · (a × (P - J_k))). Columns are divided by √G, which makes the Hessian the identity, so that
 multipliers come out in N for contacts and N·m for joint limits.
-
-Removal of contacts whose rows follow from another one.
 
 A patch of a sphere tree brings many contacts with nearly the same normal, one above the other. Let contact j be on the
 same rigid body as contact i, x the points of the body's axis (or of the palm's sphere) that are nearest to the two

@@ -1,10 +1,8 @@
 """Shapes of stored hands: round cones, the cone frustums of the paper, and the distance of two hands.
 
-Distance of a sphere to a cone frustum as in the paper's Eq. 4 to 7 and 10.
-
-The frustum of a phalanx is the conical part of its round cone (`kernels.round_cone`). Its bottoms are the
-circles along which the joint spheres touch it, so that frustum and spheres together are the body of every other method.
-With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / l:
+The frustum of a phalanx (Eq. 4 to 7 and 10) is the conical part of its round cone (`kernels.round_cone`). Its bottoms
+are the circles along which the joint spheres touch it, so that frustum and spheres together are the body of every other
+method. With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / l:
 
     D = joint + r_a sin φ u,   E = end + r_b sin φ u,   r₁ = r_a cos φ,   r₂ = r_b cos φ,   |DE| = l cos² φ,
 

@@ -1,15 +1,13 @@
 """Surface of parts that move as recorded, and the ways by which a hand leaves them.
 
-Ways out of a part that has moved over the axis of a phalanx, or over the centre of a sphere of the palm.
+From inside, where a part has moved over the axis of a phalanx or over the centre of a sphere of the palm, the distances
+to its features have the wrong side. Of each body with such a point the part then has one plane instead: that of the
+nearest feature of one of these points, the one that the body is least deep below. Of a convex part such a plane has all
+of it below, so that a body above it is free.
 
-From inside, the distances to a part's features have the wrong side. Of each body with such a point the part then has
-one plane instead: that of the nearest feature of one of these points, the one that the body is least deep below. Of a
-convex part such a plane has all of it below, so that a body above it is free.
-
-Surface of several rigid parts, each with lists of its own: what a part has is computed in its frame and turned.
-
-Every part is looked at by the kernels of a surface that stands still, with the hand as the part sees it. The slack of
-its lists falls by what the hand has moved past it, whichever of the two moved.
+Every part has lists of its own, and is looked at by the kernels of a surface that stands still, with the hand as the
+part sees it; what that finds is turned. The slack of its lists falls by what the hand has moved past it, whichever of
+the two moved.
 """
 
 import math

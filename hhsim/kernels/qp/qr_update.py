@@ -1,15 +1,11 @@
 """Factors of small matrices: Cholesky, and orthogonal ones that are updated row by row.
 
-Small dense symmetric positive definite systems, A x = b by A = Uᵀ U.
+A x = b is solved by A = Uᵀ U, row-oriented and right-looking: every inner loop runs along a contiguous row, so that it
+uses the vector unit in strict arithmetic, and the sums are taken in the same order on every machine.
 
-Row-oriented and right-looking: every inner loop runs along a contiguous row, so that it uses the vector unit in strict
-arithmetic, and the sums are taken in the same order on every machine.
-
-Orthogonal factors of the active rows' normals, updated as rows are added and removed.
-
-The normals are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first leaves little of
-the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and near-parallel rows, and the
-Gram matrix would lose half the digits on them. A row is dropped by Givens rotations.
+The normals of the active rows are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first
+leaves little of the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and
+near-parallel rows, and the Gram matrix would lose half the digits on them. A row is dropped by Givens rotations.
 
 Vectors are padded with zeros to whole multiples of `LANES`, so that loops over them have no rest and their inner part
 is one instruction. Nothing in a workspace need be set before a solve.

@@ -1,7 +1,5 @@
 """Blocks of ticks, many in one compiled call, of a method that the type of its options names.
 
-Dispatch by method: a method is the type of its options, and its tick is declared for that type.
-
 `coupled` and `progressive` are ticks of hands and bodies, `kernels.world.tick`.
 """
 

@@ -1,10 +1,9 @@
 """Restoration after a step that ends inside, and prediction of the pose that a tick begins with.
 
-The prediction is the last pose, moved on as in the last tick.
-
-A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
-there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from
-there returns to where it began. No decision depends on how old the lists of pairs are: neither do the bits.
+The prediction is the last pose, moved on as in the last tick. A hand that slides needs two linearisations from where it
+stands, and one from where it is going, since the step from there is short and its contacts are the right ones. Nothing
+is accepted by a prediction: a tick that finds no step from there returns to where it began. No decision depends on how
+old the lists of pairs are: neither do the bits.
 """
 
 import math

@@ -1,23 +1,14 @@
 """Stages of a tick: its beginning, a linearisation, an accepted step, its status, and when decoupling is suspended.
 
-Suspension of decoupling: palm and fingers share one program where apart they make no progress.
-
 A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
 The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
 brought it down lets palm and fingers share a program, as does one whose steps apart all end inside the object. They
 share it until the user's hand has left the place: apart they would do the same again from where they come to rest.
 
-One linearisation of a tick: the contacts within reach, and the quadratic program that they make.
-
-One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
-
-docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short:
-a program, as much of its step as the listed pairs allow, the true distances. By these alone a pose becomes the safe
-one, and a tick ends at a safe one.
-
-With ρ the smaller of the trust region's radius and reach, `allowed_fraction` lets body b move by min(slack, ρ) if one
-of its pairs is within ρ, else by min(slack, its least distance): pairs that are not listed are farther than the slack.
-An unfinished tick leaves three flags to the next: clearance waived, palm and fingers together, abduction held.
+`kernels.world.tick` says what a tick is. With ρ the smaller of the trust region's radius and reach, `allowed_fraction`
+lets body b move by min(slack, ρ) if one of its pairs is within ρ, else by min(slack, its least distance): pairs that
+are not listed are farther than the slack. An unfinished tick leaves three flags to the next: clearance waived, palm and
+fingers together, abduction held.
 """
 
 import numpy as np
