@@ -31,33 +31,11 @@ from hhsim.kernels.world.columns import object_columns, variable_count
 from hhsim.kernels.world.edges import measure_edges, record_edges
 from hhsim.kernels.world.joints import begin_joints, has_joint_rows, joints_hold
 from hhsim.kernels.world.pairs import (
-    AIM,
     AIMED,
-    BACK,
-    BEAR,
-    BEGIN,
-    CLIP,
-    COLUMNS,
-    CONTACTS,
-    DAMP,
-    EDGES,
-    END,
-    HOLD,
-    KEEP,
     LEAST_RAISE,
-    LOWEST,
     MOST_DAMPING,
     MOST_RAISES,
-    MOVE,
-    PLACE,
-    REWRITE,
-    SEE,
-    SHIFTS,
-    SNAP,
-    STEPS,
-    TABLE,
-    TAKE,
-    TURN,
+    STAGE,
     World,
     begin_bounds,
     beyond_bound,
@@ -328,59 +306,59 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     """
     world, state, p = method.world[0], method.states[0], as_int64(int(value))
     problem = world.problem
-    if asked == TAKE:
+    if asked == STAGE.TAKE:
         take_hands(method.states, world)
-    elif asked == BEGIN:
+    elif asked == STAGE.BEGIN:
         _begin(method)
-    elif asked == PLACE:
+    elif asked == STAGE.PLACE:
         _place_pairs(method)
         _measure_table(method)
         for k in range(problem.bodies):
             world.bodies[k].table_distance = world.bodies[k].measured_distance
-    elif asked == EDGES:
+    elif asked == STAGE.EDGES:
         _measure_edges(method)
-    elif asked == AIM:
+    elif asked == STAGE.AIM:
         _aim(method)
-    elif asked == CONTACTS:
+    elif asked == STAGE.CONTACTS:
         _record_edges(method, p)
-    elif asked == LOWEST:
+    elif asked == STAGE.LOWEST:
         keep_lowest(method.states[p].contacts, method.states[p].open_distance[:], world.friction)
-    elif asked == COLUMNS:
+    elif asked == STAGE.COLUMNS:
         return float(_write_columns(method))
-    elif asked == REWRITE:
+    elif asked == STAGE.REWRITE:
         object_columns(method.states, world)
-    elif asked == CLIP:
+    elif asked == STAGE.CLIP:
         _clip(method, value)
-    elif asked == SHIFTS:
+    elif asked == STAGE.SHIFTS:
         clip_shifts(value, world.friction)
-    elif asked == STEPS:
+    elif asked == STAGE.STEPS:
         take_steps(method.states, world.bodies, 1.0, problem)
-    elif asked == BEAR:
+    elif asked == STAGE.BEAR:
         _bear(method, value)
-    elif asked == MOVE:
+    elif asked == STAGE.MOVE:
         _move(method, value)
-    elif asked == TABLE:
+    elif asked == STAGE.TABLE:
         table, number, lowest = _measure_table(method)
         if table < 0.0:
             keep_entry(number, lowest, world.friction)
         return table
-    elif asked == DAMP:
+    elif asked == STAGE.DAMP:
         return _damp(method, state)
-    elif asked == KEEP:
+    elif asked == STAGE.KEEP:
         _keep(world)
-    elif asked == HOLD:
+    elif asked == STAGE.HOLD:
         return 1.0 if joints_hold(method.states, world) else 0.0
-    elif asked == BACK:
+    elif asked == STAGE.BACK:
         _take_back(world)
-    elif asked == SEE:
+    elif asked == STAGE.SEE:
         _see_hands(method)
         for h in range(problem.hands):
             update_kinematics(mover_of(method, h), method.states[h].haptic)
-    elif asked == SNAP:
+    elif asked == STAGE.SNAP:
         mark_snap(method.states[p], world)
-    elif asked == END:
+    elif asked == STAGE.END:
         _end(method)
-    elif asked == TURN:
+    elif asked == STAGE.TURN:
         for h in range(problem.hands):
             turn_loads(world.bodies[0], method.states[h].active)
     return 0.0

@@ -29,21 +29,7 @@ from hhsim.kernels.tick.step import (
 from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import hand_column, is_still, name_rows
 from hhsim.kernels.world.meeting import part_targets, spread_fingers, take_spread
-from hhsim.kernels.world.pairs import (
-    AIM,
-    CLIP,
-    COLUMNS,
-    CONTACTS,
-    LOWEST,
-    REWRITE,
-    SHIFTS,
-    STEPS,
-    World,
-    ask_bodies,
-    damped_target,
-    mover_of,
-    surface_at,
-)
+from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, damped_target, mover_of, surface_at
 from hhsim.kernels.world.program import scale_target, solve_plain, take_hand_steps, take_targets
 from hhsim.kernels.world.rows import PAIR_KEYS, bends
 from hhsim.kernels.world.second_order import FLAT_PROGRAMS
@@ -72,14 +58,14 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
         elif not find_program_contacts(arrays, surface_at(method, p), method.options, each):
             return as_int64(-1)
         if problem.other[p] >= 0:
-            ask_bodies(method, CONTACTS, float(p))
+            ask_bodies(method, STAGE.CONTACTS, float(p))
         world.found[p] = contacts.start[FINGER_COUNT + 1]
         # A row that may give in to a depth implies no other one.
         if near == 0.0 and not (world.stays and problem.slacks > 0):
             reach = min(each.trust.reach, each.trust.radius)
             drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:
-            ask_bodies(method, LOWEST, float(p))
+            ask_bodies(method, STAGE.LOWEST, float(p))
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
             return as_int64(-1)
@@ -153,7 +139,7 @@ def prepare(method: World, near: float, state: Record) -> int:
     """
     world = method.world[0]
     options, problem = method.options, world.problem
-    ask_bodies(method, AIM, 0.0)
+    ask_bodies(method, STAGE.AIM, 0.0)
     count = _find_contacts(method, near, state)
     if count < 0:
         return -1
@@ -174,7 +160,7 @@ def prepare(method: World, near: float, state: Record) -> int:
     _aim_fingers(method, world)
     _write_contacts(method, state)
     name_rows(state.contacts, problem)
-    count += int(ask_bodies(method, COLUMNS, 0.0))
+    count += int(ask_bodies(method, STAGE.COLUMNS, 0.0))
     scale_target(world)
     for p in range(problem.pairs if near == 0.0 else 0):
         each = method.states[p]
@@ -222,7 +208,7 @@ def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp
         world.problem.gamma_error = 0.0
         if is_still(world.problem):
             take_hand_steps(method.states, world.problem)
-        ask_bodies(method, STEPS, 0.0)
+        ask_bodies(method, STAGE.STEPS, 0.0)
     for _ in range(ROUNDS):
         if status != OPTIMAL or not _add_rows(method, clipped, state):
             break
@@ -287,12 +273,12 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
             # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step`).
             made = problem.delta[hand_column(problem, h, j)]
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
-    ask_bodies(method, CLIP, off)
+    ask_bodies(method, STAGE.CLIP, off)
     for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_step[f] *= fraction
     _write_anew(method, state)
     scale_target(world)
-    ask_bodies(method, SHIFTS, fraction)
+    ask_bodies(method, STAGE.SHIFTS, fraction)
     return longest, fraction
 
 
@@ -303,7 +289,7 @@ def _write_anew(method: World, state: Record) -> None:
     _write_contacts(method, state)
     if world.problem.pairs > world.problem.hands:
         # What this writes anew has not been turned to the frame of the first body.
-        ask_bodies(method, REWRITE, 0.0)
+        ask_bodies(method, STAGE.REWRITE, 0.0)
 
 
 @jit

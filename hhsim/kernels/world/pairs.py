@@ -1,15 +1,11 @@
 """Pairs of a world: arguments of its ticks, stages called by address, and bounds of the shown hands.
 
-Pairs of the world: what moves past which body, where both are, and how near.
-
 A hand is kept as each body sees it, and so is each body as another one sees it: as a palm without fingers, of spheres
 or points (`kernels.world.columns` says what a pair is).
 
-Bound of the shown hands' way in a tick beside bodies that move, kept by damping.
-
-Where nothing else moves, a hand that would go beyond its bound makes a share of its step (`keep_bound` of
-`kernels.tick.step`). A share of a step would hold back the bodies, too, as if they met something. So the hands
-are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
+Where nothing else moves, a hand that would go beyond the bound of its way in a tick makes a share of its step
+(`keep_bound` of `kernels.tick.step`). A share of a step would hold back the bodies, too, as if they met something. So
+the hands are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
 
     ½ |q - user|²_G + ½ s |q - q₀|²_G,
 
@@ -17,6 +13,7 @@ and s, usually 0, is raised until no joint goes beyond the bound. Contact forces
 """
 
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,8 +35,12 @@ from hhsim.kernels.world.body import Support
 from hhsim.kernels.world.columns import States, hand_column
 from hhsim.kernels.world.edges import Edges
 
-TAKE, BEGIN, PLACE, EDGES, AIM, CONTACTS, LOWEST, COLUMNS, REWRITE, CLIP, SHIFTS, STEPS = map(as_int64, range(12))
-BEAR, MOVE, TABLE, DAMP, KEEP, HOLD, BACK, SEE, SNAP, END, TURN = map(as_int64, range(12, 23))
+Stage = namedtuple(
+    "Stage",
+    "TAKE BEGIN PLACE EDGES AIM CONTACTS LOWEST COLUMNS REWRITE CLIP SHIFTS STEPS "
+    "BEAR MOVE TABLE DAMP KEEP HOLD BACK SEE SNAP END TURN",
+)
+STAGE = Stage(*map(as_int64, range(len(Stage._fields))))
 """What `ask_bodies` is asked to do."""
 
 
@@ -92,7 +93,7 @@ def measure(method: World) -> bool:
         arrays, its = mover_of(method, p), surface_at(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
     ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
-    ask_bodies(method, EDGES, 0.0)
+    ask_bodies(method, STAGE.EDGES, 0.0)
     method.states[0].progress.pairs_overflow = not fits
     return fits
 
@@ -100,7 +101,7 @@ def measure(method: World) -> bool:
 @jit
 def rebuild(method: World) -> bool:
     """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
-    ask_bodies(method, PLACE, 0.0)
+    ask_bodies(method, STAGE.PLACE, 0.0)
     for p in range(method.world[0].problem.pairs):
         forget_lists(method.states[p])
     return measure(method)

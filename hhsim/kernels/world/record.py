@@ -261,21 +261,6 @@ def _record_wrench(body: Record, wrench: Array, wrench_out: Array) -> None:
 
 
 @jit
-def _record_motion(body: Record, i: Any, record: WorldRecord) -> None:
-    # Row (body, i).
-    copy_values(body.orientation[:], record.turn[i])
-    center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
-    x, y, z = turned(body.rotation, center[0], center[1], center[2])
-    shift[0] = body.position[0] - x
-    shift[1] = body.position[1] - y
-    shift[2] = body.position[2] - z
-    copy_values(body.velocity[:], record.velocity[i])
-    x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
-    rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
-    record.table_distance[i] = body.table_distance
-
-
-@jit
 def _record_point(body: Record, place: Array, point_out: Array) -> None:
     # A point by its place from the centre, object's frame, goes with the centre of mass to the end of the tick.
     lever = body.lever
@@ -293,10 +278,17 @@ def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     """Copy what became of the bodies in the last tick to row i of their record."""
     borne, problem, bodies = world.borne[world.accepted], world.problem, world.bodies
     for t in range(problem.bodies):
-        _record_motion(bodies[t], (t, i), record)
-        _record_wrench(bodies[t], borne.hand_wrench[t], record.hand_wrench[t, i])
-        _record_wrench(bodies[t], borne.table_wrench[t], record.table_wrench[t, i])
-        _record_wrench(bodies[t], borne.body_wrench[t], record.body_wrench[t, i])
+        body, shift, rate = bodies[t], record.shift[t, i], record.angular_velocity[t, i]
+        copy_values(body.orientation[:], record.turn[t, i])
+        x, y, z = turned(body.rotation, body.center[0], body.center[1], body.center[2])
+        shift[0], shift[1], shift[2] = body.position[0] - x, body.position[1] - y, body.position[2] - z
+        copy_values(body.velocity[:], record.velocity[t, i])
+        x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
+        rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
+        _record_wrench(body, borne.hand_wrench[t], record.hand_wrench[t, i])
+        _record_wrench(body, borne.table_wrench[t], record.table_wrench[t, i])
+        _record_wrench(body, borne.body_wrench[t], record.body_wrench[t, i])
+        record.table_distance[t, i] = body.table_distance
     record.friction_residual[0, i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):

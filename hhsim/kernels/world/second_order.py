@@ -1,4 +1,4 @@
-"""Second derivatives of contact distances: how a contact's distance bends as the hand moves.
+"""Second-order correction of a program's solution, by how the distances of contacts bend as the hand moves.
 
 A contact between a sphere of radius r around the hand's axis point x and an object that is locally a sphere of radius R
 around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal and V = ∂x/∂q,
@@ -8,8 +8,6 @@ around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal a
 At an edge, which is straight along e, I - n nᵀ - e eᵀ takes the place of I - n nᵀ; on a face ρ is infinite.
 Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the
 Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
-
-Second-order correction of a program's solution.
 
 The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor
 a linearisation, the slower the harder it presses: contact force times curvature works against the coupling's stiffness,

@@ -52,7 +52,7 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
         # Of a sample that is not finite the last good one counts.
         copy_values(state.haptic.position[:], world.palm_position[h])
         copy_values(state.haptic.orientation[:], world.palm_orientation[h])
-    call_code(code, (method, states, qp, as_int64(TICK)))
+    call_code(code, (method, qp, as_int64(TICK)))
     if world.hand_pairs.kept < 0.0:
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
@@ -68,7 +68,7 @@ def _tick_alone(alone: World, qp: QpWork, code: int, i: int, haptic: HapticBlock
     """Make a hand's own tick, and write its row of the record."""
     cpu, wall, state = thread_cpu_ns(), monotonic_ns(), alone.states[0]
     status = set_haptic(alone.movers[0], haptic, i, state)
-    call_code(code, (alone, alone.states, qp, as_int64(TICK)))
+    call_code(code, (alone, qp, as_int64(TICK)))
     wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
     record_tick(state, status | alone.world[0].status[0], wall, cpu, i, record)
 
@@ -112,7 +112,7 @@ def run_hands_apart(
             for h in range(2):
                 copy_configuration(states[h].prediction.start, states[h].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            call_code(code, (method, states, qp, as_int64(MEASURE)))
+            call_code(code, (method, qp, as_int64(MEASURE)))
             world.hand_pairs.count = 0
         _tick_of_both(alone, method, parts_move, qp, code)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu

@@ -66,30 +66,10 @@ from hhsim.kernels.tick.tick import (
     update_reach,
 )
 from hhsim.kernels.world.body import drive_body
-from hhsim.kernels.world.columns import States, is_still
+from hhsim.kernels.world.columns import is_still
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
 from hhsim.kernels.world.meeting import bear_meetings
-from hhsim.kernels.world.pairs import (
-    BACK,
-    BEAR,
-    BEGIN,
-    DAMP,
-    END,
-    HOLD,
-    KEEP,
-    MOVE,
-    SEE,
-    SNAP,
-    TABLE,
-    TAKE,
-    TURN,
-    World,
-    ask_bodies,
-    measure,
-    mover_of,
-    rebuild,
-    surface_at,
-)
+from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
 
 STILL = 2e-3
@@ -111,7 +91,7 @@ def _take_back(method: World) -> None:
     for p in range(world.problem.pairs):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
-    ask_bodies(method, BACK, 0.0)
+    ask_bodies(method, STAGE.BACK, 0.0)
 
 
 @jit
@@ -149,7 +129,7 @@ def _find_loads(method: World, fraction: float, state: Record) -> None:
     world, states = method.world[0], method.states
     problem = world.problem
     if method.bodies != 0:
-        ask_bodies(method, BEAR, fraction)
+        ask_bodies(method, STAGE.BEAR, fraction)
     else:
         for h in range(problem.hands):
             first, last = problem.first[h], problem.last[h]
@@ -162,10 +142,10 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     """Let the present poses be the safe ones; returns whether the tick is done."""
     world, states, options = method.world[0], method.states, method.options
     problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
-    ask_bodies(method, KEEP, 0.0)
+    ask_bodies(method, STAGE.KEEP, 0.0)
     if pairs.kept < 0.0:
         pairs.kept = min(pairs.least[CROSS], 0.0)
-    done = held = as_bool(still or ask_bodies(method, HOLD, 0.0) > 0.0)
+    done = held = as_bool(still or ask_bodies(method, STAGE.HOLD, 0.0) > 0.0)
     for p in range(problem.pairs):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
         states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
@@ -231,7 +211,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
         hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
     _find_loads(method, fraction, state)
-    ask_bodies(method, MOVE, fraction)
+    ask_bodies(method, STAGE.MOVE, fraction)
     for p in range(pairs):
         motion = world.longest[p]
         move(states[p].pose, states[p].step.delta, states[p].problem.abduction_step, fraction)
@@ -244,7 +224,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     if not still:
-        least = min(least, ask_bodies(method, TABLE, 0.0))
+        least = min(least, ask_bodies(method, STAGE.TABLE, 0.0))
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
@@ -252,7 +232,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
         done = bool(progress.pairs_overflow)
     elif least < 0.0:
         done = _fail(method, fraction, longest, full_motion, clearance, state)
-    elif not still and ask_bodies(method, DAMP, 0.0) > 0.0:
+    elif not still and ask_bodies(method, STAGE.DAMP, 0.0) > 0.0:
         _take_back(method)
         done = not measure(method)
     else:
@@ -328,7 +308,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
     still = is_still(problem)
     pairs_overflow, made_part = _finish_way(method, state)
-    ask_bodies(method, SEE, 0.0)
+    ask_bodies(method, STAGE.SEE, 0.0)
     for p in range(problem.pairs):
         each = states[p]
         # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
@@ -336,13 +316,13 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         each.progress.snaps = each.progress.snaps and not snaps
         world.status[p] = tick_status(cut_short, made_part, each)
         if snaps and progress.is_accepted:
-            ask_bodies(method, SNAP, float(p))
+            ask_bodies(method, STAGE.SNAP, float(p))
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= problem.hands:
             # A body that has distance still to go past another one has it whatever the hand has.
             world.status[0] |= world.status[p] & STATUS_LAG
-    ask_bodies(method, END, 0.0)
+    ask_bodies(method, STAGE.END, 0.0)
     lags = False
     for h in range(problem.hands):
         lags = lags or world.status[h] & STATUS_LAG != 0
@@ -365,7 +345,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
             find_surface_contacts(*shown, options.touch, each.contacts)
     lap(DURATION_DETECT, state)
-    ask_bodies(method, TURN, 0.0)
+    ask_bodies(method, STAGE.TURN, 0.0)
     for h in range(problem.hands):
         each = states[h]
         snaps = each.progress.snaps or each.progress.snapped > 0
@@ -388,13 +368,14 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     # By flat programs a hand that moves would creep towards where it comes to rest.
     moves = progress.path > STILL * options.offset
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
-    ask_bodies(method, TAKE, 0.0)
+    ask_bodies(method, STAGE.TAKE, 0.0)
     begin_tick(options, state)
     state.step.lap = monotonic_ns()
     if method.bodies != 0:
-        ask_bodies(method, BEGIN, 0.0)
-    for p in range(1, method.world[0].problem.pairs if method.bodies == 0 else 1):
-        begin_tick(options, method.states[p])
+        ask_bodies(method, STAGE.BEGIN, 0.0)
+    else:
+        for p in range(1, method.world[0].problem.pairs):
+            begin_tick(options, method.states[p])
     if _goes_alone(method):
         predict_pose(options, method.movers[0], method.surfaces[0], state)
     status = as_int64(0)
@@ -427,7 +408,7 @@ TICK, REBUILD, MEASURE = 0, 1, 2
 
 
 @jit
-def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
+def tick_world(method: World, qp: QpWork, asked: int) -> int:
     """Make one tick of all hands and bodies on the input that they have; returns the first hand's status bits.
 
     Asked to `REBUILD` it takes all as it stands, and to `MEASURE` the poses of hands that went on alone: 0, or -1 where
@@ -438,8 +419,8 @@ def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
     if asked == MEASURE:
         return as_int64(0 if measure(method) else -1)
     if method.giving == 0:
-        return as_int64(follow(method, states[0], qp))
-    world, state = method.world[0], states[0]
+        return as_int64(follow(method, method.states[0], qp))
+    world, state = method.world[0], method.states[0]
     world.status[0] = call_code(method.giving, (method.given, method, qp))
     if world.status[0] == 0:
         follow(method, state, qp)
@@ -454,7 +435,6 @@ def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
 @jit
 def run_many(
     method: World,
-    states: States,
     qp: QpWork,
     haptic: HapticBlock,
     record: TickRecord,
@@ -467,8 +447,7 @@ def run_many(
     Inputs and record have the hand as their first axis. `driven` has position [m] and orientation of each body's centre
     at each tick, (K, B, 7), read of driven ones. `code` is that of `tick_world`.
     """
-    world = method.world[0]
-    hands = world.problem.hands
+    world, states, hands = method.world[0], method.states, method.world[0].problem.hands
     for i in range(haptic.position.shape[1]):
         cpu = thread_team_cpu_ns(states[0].thread_team)
         wall = monotonic_ns()
@@ -477,7 +456,7 @@ def run_many(
         for k in range(world.problem.bodies):
             if world.bodies[k].is_driven == 1:
                 drive_body(world.bodies[k], driven[k, i])
-        call_code(code, (method, states, qp, as_int64(TICK)))
+        call_code(code, (method, qp, as_int64(TICK)))
         wall = monotonic_ns() - wall
         cpu = thread_team_cpu_ns(states[0].thread_team) - cpu
         for h in range(hands):
