@@ -24,7 +24,7 @@ from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import end_work, spent_units
+from hhsim.kernels.tick.evaluation import count_program, end_work, spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_contacts import (
@@ -40,19 +40,15 @@ from hhsim.kernels.tick.paper_contacts import (
     phalanx_contacts,
     phalanx_rows,
 )
-from hhsim.kernels.tick.state import (
-    STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_ROW,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
+from hhsim.kernels.tick.state import STATUS_STUCK, WORK_CANDIDATES, WORK_ROWS, WORK_TOUCHING
+from hhsim.kernels.tick.step import (
+    ACTIVE_CAPACITY,
+    DURATION_DETECT,
+    DURATION_FINGERS,
+    DURATION_FORCE,
+    DURATION_PALM,
+    lap,
 )
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 
 PAPER_STATE = np.dtype(
     [
@@ -258,45 +254,34 @@ def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, 
     state.step.iterations = 0
     state.progress.lag = 0.0
     stuck = False
-    most = as_int64(0)
+    state.step.lap = monotonic_ns()
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
-        began = monotonic_ns()
         detect(hand, palm, tree, options.margin, state, paper)
-        detected = monotonic_ns()
+        lap(DURATION_DETECT, state)
         state.active.count = 0
         state.work[WORK_CANDIDATES] = 0
         stuck = not _solve_palm(hand, palm, tree, options, state, paper, qp)
         for f in range(FINGER_COUNT):
             pose.abduction[f] = haptic.abduction[f]
-        solved = monotonic_ns()
+        lap(DURATION_PALM, state)
         update_kinematics(hand, pose)
         for f in range(FINGER_COUNT):
             stuck = not _solve_finger(hand, tree, options, f, state, paper, qp) or stuck
         update_kinematics(hand, pose)
-        finished = monotonic_ns()
-        rows = state.work[WORK_CANDIDATES]
-        most = max(most, rows)
-        near = 0
+        lap(DURATION_FINGERS, state)
+        rows, near = state.work[WORK_CANDIDATES], as_int64(0)
         for body in range(BODY_COUNT):
-            if state.candidates.count[body] > 0:
-                near += 1
-        state.work[WORK_BODIES] = max(state.work[WORK_BODIES], near)
-        state.work[WORK_LINEARISATIONS] += 1
-        state.work[WORK_UNITS] += UNITS_LINEARISATION + (UNITS_CONTACT + UNITS_ROW) * rows
-        state.step.duration[DURATION_DETECT] += detected - began
-        state.step.duration[DURATION_PALM] += solved - detected
-        state.step.duration[DURATION_FINGERS] += finished - solved
-    began = monotonic_ns()
+            near += 1 if state.candidates.count[body] > 0 else 0
+        count_program(near, rows, rows, rows, state.work[:])
     _count_touching(options.touch, state, paper)
     hand_forces(options, as_bool(False), state)
     # Eq. 1 in the paper's variables: of the palm's rotation its three Euler angles, not the rotation vector.
     for j in range(3):
         state.forces.palm_wrench[3 + j] = state.stiffness[3 + j] * (paper.euler[j] - paper.haptic_euler[j])
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - began
-    state.work[WORK_CANDIDATES] = most
-    state.work[WORK_ROWS] = most
+    lap(DURATION_FORCE, state)
+    state.work[WORK_CANDIDATES] = state.work[WORK_ROWS]
     end_work(state)
     if stuck:
         state.progress.lag = farthest_joint(pose.joints, haptic.joints)

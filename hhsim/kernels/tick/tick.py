@@ -19,22 +19,10 @@ from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, step_bet
 from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.evaluation import usual_reach
+from hhsim.kernels.tick.evaluation import UNITS_CONTACT, count_program, usual_reach
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.restoration import LEAST_TRUST, STEADY, TRUST_DECAY
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_LAG,
-    STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_ROW,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_UNITS,
-)
+from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_STUCK, WORK_UNITS
 from hhsim.kernels.tick.step import WHOLE_TARGET, copy_active, set_bound
 
 SUSPENSION_MARGINS = 10.0
@@ -104,13 +92,8 @@ def count_linearisation(
     hand: HandArrays, surface: SurfaceCode, options: TickOptions, found: int, rows: int, state: Record
 ) -> None:
     """Add a program of so many contacts found and rows kept to the work of the tick."""
-    work = state.work
     bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.trust.reach))
-    work[WORK_BODIES] = max(work[WORK_BODIES], bodies)
-    work[WORK_LINEARISATIONS] += 1
-    work[WORK_CANDIDATES] = max(work[WORK_CANDIDATES], pairs)
-    work[WORK_ROWS] = max(work[WORK_ROWS], rows)
-    work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * rows
+    count_program(bodies, pairs, found, rows, state.work[:])
 
 
 REACH_GROWTH = 4.0
