@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.by_reference import by_reference
+from hhsim.kernels.contact.surface import write_contact
 from hhsim.kernels.hand.kinematics import BOX_CORNERS, PALM_BODY, HandArrays
 from hhsim.kernels.jit import Array, Record, Triple, as_int64, jit
 from hhsim.kernels.rotation import turned
@@ -210,15 +211,10 @@ def record_edges(others: Edges, margin: float, pairs: Record, contacts: Record) 
     row = contacts.start[1]
     for i in range(pairs.count):
         if pairs.distance[i] <= margin and row < contacts.key.shape[0]:
+            p, n, key = pairs.point[i], pairs.normal[i], pairs.one[i] * others.length.shape[0] + pairs.two[i]
+            point, normal = (p[0], p[1], p[2]), (n[0], n[1], n[2])
+            write_contact(contacts, row, point, normal, pairs.distance[i], (0.0, 0.0), EDGE_KEY + key)
             contacts.body[row] = PALM_BODY
-            contacts.key[row] = EDGE_KEY + pairs.one[i] * others.length.shape[0] + pairs.two[i]
-            contacts.distance[row] = pairs.distance[i]
-            contacts.hand_radius[row] = contacts.object_radius[row] = 0.0
-            contacts.slides[row] = 0
-            for j in range(3):
-                contacts.point[j, row] = pairs.point[i, j]
-                contacts.normal[j, row] = pairs.normal[i, j]
-                contacts.straight[j, row] = 0.0
             row += 1
     for owner in range(1, contacts.start.shape[0]):
         contacts.start[owner] = row

@@ -12,7 +12,6 @@ A finger with hardly any lever can have a way out that is too long to be taken i
 no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
-from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
@@ -20,7 +19,7 @@ from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done,
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.tick.state import PALM_GROUPS
-from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, lap, take_multipliers
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.program import solve_plain
 from hhsim.kernels.world.second_order import Lagrangian, correct_program
@@ -206,14 +205,6 @@ def help_out(method: World, qp: QpWork) -> None:
             polls += 1
 
 
-@jit_inline
-def _count_time(began: int, step: Record) -> None:
-    """Count the fingers' time since then as theirs, and not as the palm's."""
-    spent = monotonic_ns() - began
-    step.duration[DURATION_FINGERS] += spent
-    step.duration[DURATION_PALM] -= spent
-
-
 @jit
 def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
@@ -233,7 +224,7 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
         work.yields[f] = -1
     while True:
         status = as_int64(_solve_palm(method, state, qp))
-        solved = monotonic_ns()
+        lap(DURATION_PALM, state)
         if status != OPTIMAL:
             return status
         joined = False
@@ -248,14 +239,14 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
                 joined = True
                 continue
             if own.status != OPTIMAL:
-                _count_time(solved, step)
+                lap(DURATION_FINGERS, state)
                 return as_int64(own.status)
             for i in range(own.count):
                 step.row[step.count + i], step.multiplier[step.count + i] = own.row[i], own.multiplier[i]
             step.count += own.count
             for k in range(PHALANX_COUNT):
                 step.delta[6 + PHALANX_COUNT * f + k] = own.delta[k]
-        _count_time(solved, step)
+        lap(DURATION_FINGERS, state)
         if not joined:
             break
     # What carries the step's multipliers are rows of a program of all variables.
