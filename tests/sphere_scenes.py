@@ -23,8 +23,7 @@ from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.round_cone import Spheres
 from hhsim.kernels.surfaces.spheres import SURFACE as SPHERES
-from hhsim.kernels.tick.block import TickRecord
-from hhsim.kernels.tick.evaluation import set_haptic
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, set_haptic
 from hhsim.kernels.tick.state import tick_state_dtype
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.kernels.world.linearisation import prepare, solve_with_pairs
@@ -163,8 +162,7 @@ def set_pose(hand: HandModel, pose: Any, motion: HandConfiguration, tick: int = 
 def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: bool = False) -> int:
     """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
     state, options = solver.workspace.states[0], solver.workspace.tick_options
-    position, orientation, flexion, abduction = (values[tick] for values in motion)
-    assert set_haptic(solver.workspace.hand, position, orientation, flexion, abduction, state) == 0
+    assert set_haptic(solver.workspace.hand, HapticBlock(*motion), tick, state) == 0
     begin_tick(options, state)
     state.trust.reach = options.margin
     state.program.is_relaxed = relaxed

@@ -19,11 +19,9 @@ from hhsim.kernels.kernel_cache import implementing_kernels, kernel_sources
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 
+Triple: TypeAlias = tuple[float, float, float]
 Record: TypeAlias = Any
 """One record of a structured array; its fields are read and written as attributes."""
-
-as_index = cast(Callable[[int], int], np.uint64)
-"""Convert an index that is not negative: one that might be is tested first, and keeps a loop off the vector unit."""
 
 as_int64 = cast(Callable[[int], int], np.int64)
 as_bool = cast(Callable[[bool], bool], np.bool_)

@@ -197,11 +197,12 @@ class WorldEngine:
         method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
         code: dict[str, Any] = {}
         if self.bodies:
-            from hhsim.kernels.world.bodies import do_bodies, solve_with_bodies
+            from hhsim.kernels.world.bodies import do_bodies
+            from hhsim.kernels.world.program import solve_free
             from hhsim.kernels.world.record import record_bodies
 
             code["bodies"] = code_of(do_bodies, method, 0, 0.0)
-            code["solving"] = code_of(solve_with_bodies, method, states[0], False, self.qp)
+            code["solving"] = code_of(solve_free, method, states[0], False, self.qp)
             code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
         if len(self._pairs) > 1:
             code["pairs"] = code_of(write_other_pairs, method, states[0])
@@ -381,7 +382,7 @@ class WorldEngine:
             copy_values(np.array(plain.haptic.orientation), orientation)
         for body in world.bodies:
             quaternion_to_matrix(np.array(body.orientation), body.rotation)
-        if tick_world(self.method, self.states, self.qp, REBUILD) != 0:
+        if tick_world(self.method, self.qp, REBUILD) != 0:
             raise self.workspace.full()
         problem = world.problem
         for state, body, other in zip(self.states, problem.body, problem.other):
@@ -393,7 +394,7 @@ class WorldEngine:
     @cached_property
     def code(self) -> Any:
         """Machine code of a tick of all, see `kernels.machine_code`."""
-        return code_of(tick_world, self.method, self.states, self.qp, 0)
+        return code_of(tick_world, self.method, self.qp, 0)
 
     def approach(self, linearisations: int) -> None:
         """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
@@ -439,9 +440,9 @@ class WorldEngine:
         if self.thread_team.works:
             # Compiled before there are helpers, which would look on, each on a processor of its own.
             none = HapticBlock(*(values[:, :0] for values in haptic))
-            run_many(method, self.states, self.qp, none, record, own, driven, self.code)
+            run_many(method, self.qp, none, record, own, driven, self.code)
         with self.thread_team.at_work(method):
-            done = int(run_many(method, self.states, self.qp, haptic, record, own, driven, self.code))
+            done = int(run_many(method, self.qp, haptic, record, own, driven, self.code))
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
         return done, own
@@ -451,7 +452,7 @@ class WorldEngine:
     ) -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of ticks beside which nothing is driven, None where Python solves, and its arguments."""
         still, code = self._still(len(haptic.position[0])), self.code if compiled else 0
-        arguments = self.method, self.states, self.qp, haptic, record, bodies, still, code
+        arguments = self.method, self.qp, haptic, record, bodies, still, code
         return run_many if compiled else None, arguments
 
 

@@ -1,7 +1,5 @@
 """Contact detection on any surface, and the addresses by which ticks call it.
 
-Contact detection: near pairs of a hand body and a piece of the object, and their distances.
-
 *Gathering* walks the object's hierarchy for a body with a margin plus a skin and copies what it finds into contiguous
 arrays. *Evaluation* computes the signed distances of all gathered pairs on the vector unit, every time the hand moves.
 
@@ -11,10 +9,9 @@ means of them. So these pieces are still at least slack = gathered_slack - that 
 before its slack falls below what the next step needs, less an allowed deficit; a step that is longer than the slack
 gathers it first, or is cut short.
 
-A surface as ticks take it, whatever its kind: the addresses of the machine code that looks at it, and of its arrays.
-
-So that a tick is compiled once for all surfaces, and each surface's own code once for all ticks. It is called a few
-times a program, with all bodies of a hand at once.
+Ticks know a surface by the addresses of the machine code that looks at it, and of its arrays: so a tick is compiled
+once for all surfaces, and each surface's own code once for all ticks. It is called a few times a program, with all
+bodies of a hand at once.
 """
 
 import math
@@ -26,7 +23,7 @@ from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.lists import gather_pairs, measure_pairs
 from hhsim.kernels.contact.surface import COUNT_GATHERS, COUNT_PAIR_TESTS, Walk, pairs_within, record_pairs
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Indices, Record, as_int64, generic, jit, jit_inline, jit_noinline
+from hhsim.kernels.jit import Indices, Record, Triple, as_int64, generic, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import call_code
 
 CONTACT_ROWS = 4088
@@ -62,7 +59,7 @@ FAR = 4.0
 
 
 @jit_inline
-def _point(hand: HandArrays, pose: Record, body: int, i: int) -> tuple[float, float, float]:
+def _point(hand: HandArrays, pose: Record, body: int, i: int) -> Triple:
     """Return end i of a phalanx, or corner i of the palm's box [m], world."""
     if body < PALM_BODY:
         joint = pose.joints[body // PHALANX_COUNT, body % PHALANX_COUNT + i]
@@ -92,15 +89,6 @@ def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
             most = max(most, (x - anchor[0]) ** 2 + (y - anchor[1]) ** 2 + (z - anchor[2]) ** 2)
         candidates.slack[body] = gathered - math.sqrt(most)
         candidates.slack_change[body] = abs(candidates.slack[body] - before)
-
-
-@jit_inline
-def _set_anchor(hand: HandArrays, pose: Record, body: int, candidates: Record) -> None:
-    candidates.gathered_slack[body] = candidates.slack[body]
-    for i in range(2 if body < PALM_BODY else BOX_CORNERS):
-        x, y, z = _point(hand, pose, body, i)
-        anchor = candidates.anchor[body, i]
-        anchor[0], anchor[1], anchor[2] = x, y, z
 
 
 class Reach(NamedTuple):
@@ -173,12 +161,15 @@ def evaluate_rigid(
         if candidates.due[body] == 0:
             continue
         counted[COUNT_GATHERS] += 1
-        if gather_pairs(surface, hand, pose, body, reach.margin + reach.skin, candidates, walk):
-            _set_anchor(hand, pose, body, candidates)
-        else:
+        if not gather_pairs(surface, hand, pose, body, reach.margin + reach.skin, candidates, walk):
             # The others continue, so that the outcome does not depend on the order.
             candidates.gathered_slack[body] = -np.inf
             status = FULL
+            continue
+        candidates.gathered_slack[body] = candidates.slack[body]
+        for i in range(2 if body < PALM_BODY else BOX_CORNERS):
+            anchor = candidates.anchor[body, i]
+            anchor[0], anchor[1], anchor[2] = _point(hand, pose, body, i)
     for body in range(BODY_COUNT):
         if candidates.count[body] == 0:
             candidates.nearest[body] = np.inf

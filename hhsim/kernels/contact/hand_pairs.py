@@ -34,12 +34,12 @@ from hhsim.kernels.hand.kinematics import (
     motion_bounds,
     phalanx_cone,
     placed_sphere,
+    seen_cone,
 )
 from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, step_between, update_kinematics
 from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import number_of_code
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone import RoundCone, round_cone_pair, round_cone_parameter
 
 OWN_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) // 2 + PHALANX_COUNT * FINGER_COUNT
@@ -179,14 +179,6 @@ def _sphere_distance(cone: RoundCone, x: float, y: float, z: float, radius: floa
 
 
 @jit_inline
-def _in_palm_frame(pose: Record, cone: RoundCone) -> RoundCone:
-    position, rotation = pose.position, pose.rotation
-    x, y, z = turned_back(rotation, cone.x - position[0], cone.y - position[1], cone.z - position[2])
-    ux, uy, uz = turned_back(rotation, cone.ux, cone.uy, cone.uz)
-    return RoundCone(x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop)
-
-
-@jit_inline
 def _next_sphere(hand: HandArrays, cone: RoundCone, limit: float, after: int) -> tuple[int, float]:
     """Find the next palm sphere nearer than `limit` [m] to a cone of the palm frame; its number, -1 for none."""
     group, start = hand.palm_group, hand.palm_group_start
@@ -224,7 +216,7 @@ def next_bodies(
         after = other if i == body else as_int64(-1)
         if other_part == PALM_BODY:
             first = max(after + 1 - PALM_BODY, 0)
-            sphere, distance = _next_sphere(other_hand, _in_palm_frame(other_pose, cone), limit, first)
+            sphere, distance = _next_sphere(other_hand, seen_cone(other_pose, cone), limit, first)
             if sphere >= 0:
                 return as_int64(i), PALM_BODY + sphere, distance
         elif after < other_part:
@@ -269,38 +261,30 @@ def _distance(pairs: HandPairs, pair: int) -> float:
 
 
 @jit_inline
-def _finger_motions(hand: HandArrays, step: Array, abduction_step: Array, motion_out: Array) -> float:
-    """Compute how far any axis point of each part goes at most in the palm frame [m], shape (16,), in a step (21,).
-
-    Return the most by which two parts come nearer [m].
-    """
-    motion_out[PALM_BODY], largest = 0.0, 0.0
-    for f in range(FINGER_COUNT):
-        for k in range(PHALANX_COUNT):
-            total = abs(abduction_step[f]) * hand.lever[f, k, 0]
-            for i in range(k + 1):
-                total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
-            motion_out[PHALANX_COUNT * f + k] = total
-            # A bound that is no number is not to be lost.
-            largest = largest if total <= largest else total
-    return 2.0 * largest
-
-
-@jit_inline
 def _motions(
     pairs: HandPairs, h: int, step: Array, abduction_step: Array, enough: float, motion_out: Array
 ) -> tuple[float, float]:
     """Bound the motion of a hand's parts in a step, shape (2, 16); return the most by which it brings parts nearer.
 
-    That is of two of its own, and of one and what stands still [m]; `enough` as of `motion_bounds`.
+    That is of two of its own, in the palm's frame, and of one and what stands still [m]; `enough` as of
+    `motion_bounds`.
     """
-    own, most = _finger_motions(_hand(pairs, h), step, abduction_step, motion_out[OWN]), 0.0
+    hand, own, largest, most = _hand(pairs, h), motion_out[OWN], 0.0, 0.0
+    own[PALM_BODY] = 0.0
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            total = abs(abduction_step[f]) * hand.lever[f, k, 0]
+            for i in range(k + 1):
+                total += abs(step[6 + PHALANX_COUNT * f + i]) * hand.lever[f, k, i]
+            own[PHALANX_COUNT * f + k] = total
+            # A bound that is no number is not to be lost.
+            largest = largest if total <= largest else total
     if pairs.hands > 1:
-        motion_bounds(_hand(pairs, h), pairs.states[h].pose, step, abduction_step, enough, motion_out[CROSS])
+        motion_bounds(hand, pairs.states[h].pose, step, abduction_step, enough, motion_out[CROSS])
         for part in range(BODY_COUNT):
             motion = motion_out[CROSS, part]
             most = most if motion <= most else motion
-    return own, most
+    return 2.0 * largest, most
 
 
 @jit
@@ -407,31 +391,6 @@ def self_clearances(
 
 
 @jit
-def _write_point(
-    pose: Record,
-    hand: int,
-    body: int,
-    point: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    floor: float,
-    crosses: bool,
-    row: int,
-    rows: Record,
-) -> None:
-    """Write how a body's point moves along a normal with its hand, whose palm counts if the pair is of two hands.
-
-    `floor` [m] is as of `point_jacobian`.
-    """
-    gradient, (x, y, z), (nx, ny, nz) = rows.gradient[row, hand], point, normal
-    if body < PALM_BODY:
-        point_jacobian(pose, body, point, normal, floor, gradient, rows.spread[row, hand])
-    if crosses:
-        rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
-        gradient[0], gradient[1], gradient[2] = nx, ny, nz
-        gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
-
-
-@jit
 def _write_cones(
     poses: tuple[Record, Record],
     hands: tuple[int, int],
@@ -441,21 +400,27 @@ def _write_cones(
     row: int,
     rows: Record,
 ) -> None:
-    """Write distance, normal and gradient of two bodies to a row."""
-    normal, (one, two), crosses = rows.normal[row], cones, hands[0] != hands[1]
-    rows.distance[row], s, t, normal[0], normal[1], normal[2] = round_cone_pair(one, two)
+    """Write distance, normal and gradient of two bodies to a row; `floors` [m] are as of `point_jacobian`."""
+    normal = rows.normal[row]
+    rows.distance[row], s, t, normal[0], normal[1], normal[2] = round_cone_pair(cones[0], cones[1])
     for h in range(2):
         for j in range(DOF):
             rows.gradient[row, h, j] = 0.0
         for f in range(FINGER_COUNT):
             rows.spread[row, h, f] = 0.0
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    along = s * one.length
-    point = one.x + along * one.ux, one.y + along * one.uy, one.z + along * one.uz
-    _write_point(poses[0], hands[0], bodies[0], point, (nx, ny, nz), floors[0], crosses, row, rows)
-    along = t * two.length
-    point = two.x + along * two.ux, two.y + along * two.uy, two.z + along * two.uz
-    _write_point(poses[1], hands[1], bodies[1], point, (-nx, -ny, -nz), floors[1], crosses, row, rows)
+    # How the point of each body moves along the normal with its hand.
+    for side in range(2):
+        pose, hand, cone, sign = poses[side], hands[side], cones[side], 1.0 if side == 0 else -1.0
+        along, gradient = (s if side == 0 else t) * cone.length, rows.gradient[row, hand]
+        x, y, z = cone.x + along * cone.ux, cone.y + along * cone.uy, cone.z + along * cone.uz
+        nx, ny, nz = sign * normal[0], sign * normal[1], sign * normal[2]
+        if bodies[side] < PALM_BODY:
+            spread = rows.spread[row, hand]
+            point_jacobian(pose, bodies[side], (x, y, z), (nx, ny, nz), floors[side], gradient, spread)
+        if hands[0] != hands[1]:
+            rx, ry, rz = x - pose.position[0], y - pose.position[1], z - pose.position[2]
+            gradient[0], gradient[1], gradient[2] = nx, ny, nz
+            gradient[3], gradient[4], gradient[5] = ry * nz - rz * ny, rz * nx - rx * nz, rx * ny - ry * nx
 
 
 @jit_inline

@@ -1,7 +1,5 @@
 """Rows of a quadratic program from contacts and joint limits, and which of them follow from others.
 
-Quadratic program of one linearisation, from contact records and joint limits.
-
 Around the graphic configuration q_g the step δ = (δp, δφ, δθ) [m, rad, rad] minimises the coupling energy of the
 paper's Eq. 2,
 
@@ -14,8 +12,6 @@ row cannot penetrate by translation; the remainder is second order in the rotati
 With P the contact point, n the normal, p the palm's origin, J_k and a the centre and axis of a joint,
 ∇d = (n, (P - p) × n, n · (a × (P - J_k))). Columns are divided by √G, which makes the Hessian the identity, so that
 multipliers come out in N for contacts and N·m for joint limits.
-
-Removal of contacts whose rows follow from another one.
 
 A patch of a sphere tree brings many contacts with nearly the same normal, one above the other. Let contact j be on the
 same rigid body as contact i, x the points of the body's axis (or of the palm's sphere) that are nearest to the two
@@ -39,7 +35,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import fused, least_above, product
 from hhsim.kernels.contact.detection import CONTACT_ROWS
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
-from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, Triple, jit, jit_inline
 
 LIMIT_ROWS = 2 * FINGER_COUNT * PHALANX_COUNT
 """Number of rows after the contacts: a lower and an upper joint limit for each of 15 joints."""
@@ -64,43 +60,9 @@ PROBLEM = np.dtype(
 """Rows in the layout of `kernels.qp.active_set`; contact i is row i, then 30 joint limits."""
 
 
-@jit_inline
-def contact_rows(
-    start: int,
-    stop: int,
-    point: Array,
-    normal: Array,
-    distance: Array,
-    position: Array,
-    inverse_root: Array,
-    offset: float,
-    common: Array,
-    rhs: Array,
-) -> None:
-    """Compute scaled palm columns of contacts start … stop - 1 and their right-hand sides offset - distance."""
-    px, py, pz = position[0], position[1], position[2]
-    translation, rotation = inverse_root[0], inverse_root[3]
-    for i in range(start, stop):
-        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
-        rx, ry, rz = point[0, i] - px, point[1, i] - py, point[2, i] - pz
-        common[0, i] = nx * translation
-        common[1, i] = ny * translation
-        common[2, i] = nz * translation
-        common[3, i] = fused(ry, nz, -rz * ny) * rotation
-        common[4, i] = fused(rz, nx, -rx * nz) * rotation
-        common[5, i] = fused(rx, ny, -ry * nx) * rotation
-        rhs[i] = offset - distance[i]
-
-
 @jit
 def point_jacobian(
-    pose: Record,
-    body: int,
-    point: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    floor: float,
-    gradient_out: Array,
-    spread_out: Array,
+    pose: Record, body: int, point: Triple, normal: Triple, floor: float, gradient_out: Array, spread_out: Array
 ) -> None:
     """Write how a point [m] of a phalanx moves along a normal with its finger's joints and abduction, (21,) and (5,).
 
@@ -121,27 +83,15 @@ def point_jacobian(
 
 
 @jit
-def finger_columns(
-    start: int,
-    stop: int,
-    phalanx_end: Indices,
-    point: Array,
-    normal: Array,
-    joints: Array,
-    axis: Array,
-    inverse_root: Array,
-    floor: float,
-    block: Array,
-) -> None:
-    """Compute scaled columns of one finger's contacts start … stop - 1; levers up to `floor` [m] count as zero.
-
-    `phalanx_end`, shape (3,), is the end of each phalanx's contacts: a joint does not move the phalanges before it.
-    """
-    ax, ay, az = axis[0], axis[1], axis[2]
+def finger_columns(pose: Record, f: int, contacts: Record, inverse_root: Array, floor: float, block: Array) -> None:
+    """Compute the columns of a finger's contacts, scaled by (3,) of its joints; levers up to `floor` [m] are zero."""
+    start, stop, point, normal = contacts.start[f + 1], contacts.start[f + 2], contacts.point, contacts.normal
+    ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
     for k in range(PHALANX_COUNT):
-        jx, jy, jz = joints[k, 0], joints[k, 1], joints[k, 2]
+        jx, jy, jz = pose.joints[f, k, 0], pose.joints[f, k, 1], pose.joints[f, k, 2]
         scale = inverse_root[k]
-        first = start if k == 0 else phalanx_end[k - 1]
+        # A joint does not move the phalanges before it.
+        first = start if k == 0 else contacts.phalanx_end[f, k - 1]
         for i in range(start, first):
             block[k, i] = 0.0
         for i in range(first, stop):
@@ -150,26 +100,6 @@ def finger_columns(
             rx, ry, rz = point[0, i] - jx, point[1, i] - jy, point[2, i] - jz
             lever = rx * (ny * az - nz * ay) + ry * (nz * ax - nx * az) + rz * (nx * ay - ny * ax)
             block[k, i] = lever * scale if abs(lever) > floor else 0.0
-
-
-@jit_inline
-def follow_abduction(
-    start: int, stop: int, point: Array, normal: Array, base: Array, axis: Array, step: float, rhs: Array
-) -> None:
-    """Subtract from the right-hand sides what an abduction step [rad] about an axis adds to the distances."""
-    bx, by, bz = axis[0], axis[1], axis[2]
-    for i in range(start, stop):
-        rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
-        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
-        rate = product(nx, ny, nz, by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx)
-        rhs[i] -= rate * step
-
-
-@jit
-def _relax(start: int, stop: int, distance: Array, rhs: Array) -> None:
-    for i in range(start, stop):
-        if rhs[i] > 0.0 and distance[i] >= 0.0:
-            rhs[i] = 0.0
 
 
 @jit
@@ -202,19 +132,32 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
     start, total = contacts.start, contacts.start[FINGER_COUNT + 1]
     point, normal, distance = contacts.point, contacts.normal, contacts.distance
     common, block, rhs, weight = problem.common, problem.block, problem.rhs, problem.inverse_root
-    contact_rows(0, total, point, normal, distance, pose.position, weight, offset, common, rhs)
-    if relaxed:
-        _relax(0, total, distance, rhs)
+    px, py, pz, translation, rotation = pose.position[0], pose.position[1], pose.position[2], weight[0], weight[3]
+    for i in range(total):
+        nx, ny, nz = normal[0, i], normal[1, i], normal[2, i]
+        rx, ry, rz = point[0, i] - px, point[1, i] - py, point[2, i] - pz
+        common[0, i] = nx * translation
+        common[1, i] = ny * translation
+        common[2, i] = nz * translation
+        common[3, i] = fused(ry, nz, -rz * ny) * rotation
+        common[4, i] = fused(rz, nx, -rx * nz) * rotation
+        common[5, i] = fused(rx, ny, -ry * nx) * rotation
+        rhs[i] = offset - distance[i]
+    for i in range(total if relaxed else 0):
+        if rhs[i] > 0.0 and distance[i] >= 0.0:
+            rhs[i] = 0.0
     for f in range(FINGER_COUNT):
         first, last = start[f + 1], start[f + 2]
         scale = weight[6 + 3 * f : 9 + 3 * f]
         if last > first:
-            ends = contacts.phalanx_end[f]
-            floor = LEVER_FLOOR * hand.length[f, 0]
-            finger_columns(first, last, ends, point, normal, pose.joints[f], pose.axis[f], scale, floor, block)
-            step = problem.abduction_step[f]
-            if step != 0.0:
-                follow_abduction(first, last, point, normal, pose.joints[f, 0], pose.abduction_axis[f], step, rhs)
+            finger_columns(pose, f, contacts, scale, LEVER_FLOOR * hand.length[f, 0], block)
+            # An abduction step adds to the distances.
+            step, base, spread = problem.abduction_step[f], pose.joints[f, 0], pose.abduction_axis[f]
+            bx, by, bz = spread[0], spread[1], spread[2]
+            for i in range(first, last if step != 0.0 else first):
+                rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]
+                turn = by * rz - bz * ry, bz * rx - bx * rz, bx * ry - by * rx
+                rhs[i] -= product(normal[0, i], normal[1, i], normal[2, i], *turn) * step
         row, low, high = total + 2 * PHALANX_COUNT * f, hand.flexion_min[f], hand.flexion_max[f]
         limit_rows(row, pose.flexion[f], low, high, scale, common, block, rhs)
 
@@ -251,24 +194,10 @@ FEWEST = 8
 
 
 @jit_inline
-def _open_all(start: int, stop: int, distance: Array, open_distance: Array) -> None:
-    for i in range(np.uint64(start), np.uint64(stop)):
-        open_distance[i] = distance[i]
-
-
-@jit_inline
 def _drop_implied(
-    start: int,
-    stop: int,
-    reference: int,
-    per_metre: float,
-    reach: float,
-    point: Array,
-    normal: Array,
-    distance: Array,
-    hand_radius: Array,
-    open_distance: Array,
+    start: int, stop: int, reference: int, per_metre: float, reach: float, contacts: Record, open_distance: Array
 ) -> None:
+    point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
     r = hand_radius[reference]
     ax, ay, az = normal[0, reference], normal[1, reference], normal[2, reference]
     bx, by = fused(r, ax, point[0, reference]), fused(r, ay, point[1, reference])
@@ -308,8 +237,8 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
     """Move those of the contacts [start, stop) that do not follow to `row` and on; return the row after them."""
     thins = stop - start >= FEWEST
     if thins:
-        point, normal, distance, hand_radius = contacts.point, contacts.normal, contacts.distance, contacts.hand_radius
-        _open_all(start, stop, distance, open_distance)
+        for i in range(np.uint64(start), np.uint64(stop)):
+            open_distance[i] = contacts.distance[i]
         for _ in range(REFERENCES):
             least = least_above(open_distance, start, stop, REFERENCE)
             if least == np.inf:
@@ -318,9 +247,7 @@ def _thin(start: int, stop: int, row: int, lever: float, reach: float, contacts:
             while open_distance[nearest] != least:
                 nearest += 1
             open_distance[nearest] = REFERENCE
-            _drop_implied(
-                start, stop, nearest, reach / lever, reach, point, normal, distance, hand_radius, open_distance
-            )
+            _drop_implied(start, stop, nearest, reach / lever, reach, contacts, open_distance)
     for i in range(start, stop):
         if not thins or open_distance[i] < np.inf:
             if row < i:

@@ -94,13 +94,6 @@ class Probe(NamedTuple):
 
 
 @jit_inline
-def _capacity(hand: HandArrays, probe: int) -> int:
-    if probe < PALM_BODY:
-        return PHALANX_CAPACITY
-    return LINE * ((min(PHALANX_CAPACITY, PALM_CAPACITY // hand.palm_radius.shape[0]) // LINE - 1) | 1)
-
-
-@jit_inline
 def _probe(hand: HandArrays, pose: Record, number: int, candidates: Record) -> Probe:
     start = candidates.start[number]
     if number < PALM_BODY:
@@ -150,7 +143,9 @@ def _gather_probe(
     surface: Any, hand: HandArrays, pose: Record, number: int, reach: float, candidates: Record, walk: Walk
 ) -> float:
     """List the pieces of a probe as far as they fit; return its slack [m], a negative infinity if none do."""
-    capacity = _capacity(hand, number)
+    capacity = PHALANX_CAPACITY
+    if number >= PALM_BODY:
+        capacity = LINE * ((min(PHALANX_CAPACITY, PALM_CAPACITY // hand.palm_radius.shape[0]) // LINE - 1) | 1)
     candidates.start[number] = min(number, PALM_BODY) * PHALANX_CAPACITY + max(number - PALM_BODY, 0) * capacity
     probe = _probe(hand, pose, number, candidates)
     needed, last = candidates.needed, len(SKIN_SHARES) - 1

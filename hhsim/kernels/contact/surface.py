@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.hand.kinematics import BODY_COUNT, BOX_CORNERS, HandArrays
-from hhsim.kernels.jit import Indices, Record, generic, jit_inline
+from hhsim.kernels.jit import Indices, Record, Triple, generic, jit_inline
 from hhsim.kernels.round_cone import RoundCone
 
 COUNT_NODE_TESTS = 0
@@ -152,13 +152,7 @@ def cone_distance(surface: Any, cone: RoundCone, limit: float, stack: Indices) -
 
 @jit_inline
 def write_contact(
-    contacts: Record,
-    row: int,
-    point: tuple[float, float, float],
-    normal: tuple[float, float, float],
-    distance: float,
-    radii: tuple[float, float],
-    key: int,
+    contacts: Record, row: int, point: Triple, normal: Triple, distance: float, radii: tuple[float, float], key: int
 ) -> None:
     """Write a contact record but for its body: the point on the hand, and the radii [m] of the hand and the object."""
     contacts.key[row] = key
@@ -172,9 +166,7 @@ def write_contact(
 
 
 @jit_inline
-def at_distance(
-    place: tuple[float, float, float], direction: tuple[float, float, float], distance: float
-) -> tuple[float, float, float]:
+def at_distance(place: Triple, direction: Triple, distance: float) -> Triple:
     """Return the point at a distance [m] from a place along a unit vector."""
     x, y, z = direction
     return place[0] + distance * x, place[1] + distance * y, place[2] + distance * z

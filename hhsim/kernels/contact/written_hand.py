@@ -12,7 +12,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.contact.mesh_distance import DEEPEST_INTERVAL, AxisSearch, round_cone_mesh_distance
 from hhsim.kernels.hand.kinematics import FINGER_COUNT, PHALANX_COUNT
-from hhsim.kernels.jit import Array, jit, jit_allocating, jit_inline
+from hhsim.kernels.jit import Array, Triple, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh, signed_distance
 from hhsim.kernels.rotation import quaternion_to_matrix, turned, turned_back
@@ -61,7 +61,7 @@ def place_bones(hand: HandBones, orientation: Array, flexion: Array, abduction: 
 
 
 @jit_inline
-def _moved_with(after: Array, before: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _moved_with(after: Array, before: Array, x: float, y: float, z: float) -> Triple:
     """Return a vector that turns with a bone, from its frame before to its frame after."""
     x, y, z = turned_back(before, x, y, z)
     return turned(after, x, y, z)

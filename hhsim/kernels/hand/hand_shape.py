@@ -1,10 +1,8 @@
 """Shapes of stored hands: round cones, the cone frustums of the paper, and the distance of two hands.
 
-Distance of a sphere to a cone frustum as in the paper's Eq. 4 to 7 and 10.
-
-The frustum of a phalanx is the conical part of its round cone (`kernels.round_cone`). Its bottoms are the
-circles along which the joint spheres touch it, so that frustum and spheres together are the body of every other method.
-With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / l:
+The frustum of a phalanx (Eq. 4 to 7 and 10) is the conical part of its round cone (`kernels.round_cone`). Its bottoms
+are the circles along which the joint spheres touch it, so that frustum and spheres together are the body of every other
+method. With l, r_a >= r_b the round cone's length and radii and sin φ = (r_a - r_b) / l:
 
     D = joint + r_a sin φ u,   E = end + r_b sin φ u,   r₁ = r_a cos φ,   r₂ = r_b cos φ,   |DE| = l cos² φ,
 
@@ -67,37 +65,26 @@ FRUSTUM = np.dtype(
 )
 """One phalanx: a cone frustum and the sphere at its thin end; world."""
 
-SHAPE = 6
-"""Number of values of a phalanx that do not move: length, radius, tangent, cosine, sine, sphere_radius."""
-
 
 @jit
-def frustum_shapes(hand: HandArrays, shape_out: Array) -> None:
-    """Compute the shape of each phalanx for `place_frustum`, (15, SHAPE); length -1 if there is no cone."""
+def frustum_shapes(hand: HandArrays, frustums_out: Record) -> None:
+    """Write what of the frustum of each phalanx does not move, (15,)."""
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT):
-            tangent = hand.tan_slope[f, k]
+            tangent, thin, frustum = hand.tan_slope[f, k], hand.radius[f, k + 1], frustums_out[PHALANX_COUNT * f + k]
             cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
-            thin = hand.radius[f, k + 1]
-            row = shape_out[PHALANX_COUNT * f + k]
-            row[0] = hand.length[f, k] * cosine * cosine if hand.inverse_length[f, k] > 0.0 else -1.0
-            row[1] = thin * cosine
-            row[2] = tangent
-            row[3] = cosine
-            row[4] = tangent * cosine
-            row[5] = thin
+            frustum.length = hand.length[f, k] * cosine * cosine if hand.inverse_length[f, k] > 0.0 else -1.0
+            frustum.radius, frustum.sphere_radius = thin * cosine, thin
+            frustum.tangent, frustum.cosine, frustum.sine = tangent, cosine, tangent * cosine
 
 
 @jit
-def place_frustum(shapes: Array, pose: Record, finger: int, phalanx: int, frustum_out: Record) -> None:
+def place_frustum(pose: Record, finger: int, phalanx: int, frustum: Record) -> None:
     """Place the frustum and end sphere of a phalanx at `pose`, whose kinematics are up to date."""
-    shape = shapes[PHALANX_COUNT * finger + phalanx]
-    frustum_out.length, frustum_out.radius, frustum_out.tangent = shape[0], shape[1], shape[2]
-    frustum_out.cosine, frustum_out.sine, frustum_out.sphere_radius = shape[3], shape[4], shape[5]
     for i in range(3):
-        frustum_out.axis[i] = pose.direction[finger, phalanx, i]
-        frustum_out.sphere[i] = pose.joints[finger, phalanx + 1, i]
-        frustum_out.end[i] = frustum_out.sphere[i] + shape[5] * shape[4] * frustum_out.axis[i]
+        frustum.axis[i] = pose.direction[finger, phalanx, i]
+        frustum.sphere[i] = pose.joints[finger, phalanx + 1, i]
+        frustum.end[i] = frustum.sphere[i] + frustum.sphere_radius * frustum.sine * frustum.axis[i]
 
 
 @jit_inline

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from hhsim.kernels.arithmetic import sine_cosine
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Record, jit_allocating, jit_inline
+from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.round_cone import RoundCone, sphere_cone
 
 FINGER_COUNT = 5
@@ -72,6 +73,15 @@ def placed_sphere(position: Array, rotation: Array, x: float, y: float, z: float
         position[2] + rotation[2, 0] * x + rotation[2, 1] * y + rotation[2, 2] * z,
         radius,
     )
+
+
+@jit_inline
+def seen_cone(frame: Record, cone: RoundCone) -> RoundCone:
+    """Return a round cone in a frame, such as a pose's palm, which has position [m] and rotation."""
+    r, p = frame.rotation, frame.position
+    x, y, z = turned_back(r, cone.x - p[0], cone.y - p[1], cone.z - p[2])
+    ux, uy, uz = turned_back(r, cone.ux, cone.uy, cone.uz)
+    return RoundCone(x, y, z, ux, uy, uz, cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop)
 
 
 @jit_inline

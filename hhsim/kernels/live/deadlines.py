@@ -1,15 +1,11 @@
 """Periods of the live loop: deadlines, the phase of samples in them, and what a missed one is due to.
 
-Periods of a loop with absolute deadlines; a period in which no tick begins is missed.
-
 A tick is due at its deadline, or with its input up to `EARLIEST` periods before it. Deadlines do not move with it, so
-there is one tick a period.
+there is one tick a period; a period in which no tick begins is missed.
 
-Phase of the glove's samples in the loop's period: deadlines move so that each sample finds a waiting loop.
-
-A tick is due with its sample only in the last part of a period. A glove whose interval
-is a whole number of periods has a constant phase; mean direction and spread are those of directional statistics (Mardia
-and Jupp, Directional Statistics, 2000, section 2.3). For other gloves deadlines do not move.
+A glove whose interval is a whole number of periods has a constant phase in them: deadlines move so that each of its
+samples finds a waiting loop. Mean direction and spread are those of directional statistics (Mardia and Jupp,
+Directional Statistics, 2000, section 2.3). For other gloves deadlines do not move.
 
 The time of a missed period is attributed to its cause, from the system's accounts and the loop's clock.
 """

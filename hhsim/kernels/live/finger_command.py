@@ -1,9 +1,5 @@
 """Command of the fingers in a live loop, and the reasons for which they must be free.
 
-Reasons why the fingers must be free, judged anew in every tick.
-
-Command of the fingers from the graphic hand, updated in place each tick.
-
 A finger is stopped at the bend of the graphic hand with the configured stiffness while its phalanges carry contact
 force, and is free otherwise. Both change at limited rates, but the stiffness falls at once. Rates are a tick, not a
 second: after missed ticks nothing changes faster. Forces for a glove that takes them scale with the stiffness.

@@ -1,8 +1,6 @@
 """Plausibility of samples of a glove, and the notes that a compiled loop leaves.
 
-Notes of a loop in compiled code, as numbers of which Python makes lines of text later.
-
-Plausibility of a glove's samples, judged before a finger is pushed on: jumps, and stuck sensors.
+Notes are numbers, of which Python makes lines of text later. Samples are judged before a finger is pushed on.
 
 A joint moves at `JOINT_SPEED` at most: a rapid pinch takes a finger about 90 ms with one peak of speed (Cole & Abbs,
 J. Neurophysiol. 55, 1986), and 90° in that time along a minimum-jerk course, whose peak is 15/8 of its mean, is

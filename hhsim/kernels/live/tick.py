@@ -356,31 +356,6 @@ def command_tick(live: LiveArrays, now: int, solved: bool, status: int) -> None:
 
 
 @jit
-def _publish(live: LiveArrays) -> None:
-    row, loop, deadlines, commander = live.row[0], live.loop[0], live.deadlines[0], live.commander[0]
-    row.tick = deadlines.tick
-    row.time_ns = deadlines.deadline_ns - deadlines.early_ns
-    row.early_ns = deadlines.early_ns
-    row.wakeup_ns = deadlines.late_ns
-    row.latency_ns = loop.latency_ns
-    row.missed = deadlines.missed
-    row.at_once = deadlines.at_once
-    row.input_seq = loop.input_seq
-    row.safety = loop.safety
-    if deadlines.missed > 0:
-        row.cause = live.misses[0].cause
-        copy_values(live.misses[0].taken[:], row.taken[:])
-    else:
-        row.cause = 0
-        row.taken[:] = 0
-    copy_values(commander.bend[:], row.command_bend[:])
-    copy_values(commander.stiffness[:], row.command_stiffness[:])
-    written = live.ticks_written[0]
-    live.ticks[written % live.ticks.shape[0]] = row
-    store_release(live.ticks_written, as_int64(0), written + 1)
-
-
-@jit
 def _publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
     """Record a tick whose command was handed over at `done` [ns], unless there is no graphic hand (`solved`)."""
     loop, status, deadlines = live.loop[0], live.status[0], live.deadlines[0]
@@ -391,7 +366,26 @@ def _publish_tick(live: LiveArrays, done: int, solved: bool) -> None:
         status.missed_by[min(max(cause, 1), CAUSES) - 1] += deadlines.missed
         note(live.notes[0], deadlines.woke_ns, as_int64(MISSED), cause, deadlines.missed, 0.0)
     if solved:
-        _publish(live)
+        row, commander = live.row[0], live.commander[0]
+        row.tick = deadlines.tick
+        row.time_ns = deadlines.deadline_ns - deadlines.early_ns
+        row.early_ns = deadlines.early_ns
+        row.wakeup_ns = deadlines.late_ns
+        row.latency_ns = loop.latency_ns
+        row.missed = deadlines.missed
+        row.at_once = deadlines.at_once
+        row.input_seq = loop.input_seq
+        row.safety = loop.safety
+        row.cause = 0
+        row.taken[:] = 0
+        if deadlines.missed > 0:
+            row.cause = live.misses[0].cause
+            copy_values(live.misses[0].taken[:], row.taken[:])
+        copy_values(commander.bend[:], row.command_bend[:])
+        copy_values(commander.stiffness[:], row.command_stiffness[:])
+        written = live.ticks_written[0]
+        live.ticks[written % live.ticks.shape[0]] = row
+        store_release(live.ticks_written, as_int64(0), written + 1)
     status.ticks += 1
     status.missed = deadlines.missed_total
     status.safety = loop.safety

@@ -1,15 +1,13 @@
 """Surface of parts that move as recorded, and the ways by which a hand leaves them.
 
-Ways out of a part that has moved over the axis of a phalanx, or over the centre of a sphere of the palm.
+From inside, where a part has moved over the axis of a phalanx or over the centre of a sphere of the palm, the distances
+to its features have the wrong side. Of each body with such a point the part then has one plane instead: that of the
+nearest feature of one of these points, the one that the body is least deep below. Of a convex part such a plane has all
+of it below, so that a body above it is free.
 
-From inside, the distances to a part's features have the wrong side. Of each body with such a point the part then has
-one plane instead: that of the nearest feature of one of these points, the one that the body is least deep below. Of a
-convex part such a plane has all of it below, so that a body above it is free.
-
-Surface of several rigid parts, each with lists of its own: what a part has is computed in its frame and turned.
-
-Every part is looked at by the kernels of a surface that stands still, with the hand as the part sees it. The slack of
-its lists falls by what the hand has moved past it, whichever of the two moved.
+Every part has lists of its own, and is looked at by the kernels of a surface that stands still, with the hand as the
+part sees it; what that finds is turned. The slack of its lists falls by what the hand has moved past it, whichever of
+the two moved.
 """
 
 import math
@@ -31,7 +29,7 @@ from hhsim.kernels.contact.surface import (
     shared_first,
     write_contact,
 )
-from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays, seen_cone
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.kernels.jit import Array, Indices, Record, jit, jit_inline, jit_noinline
 from hhsim.kernels.mesh.features import MeshFeatures
@@ -348,21 +346,12 @@ def _record(
     return row
 
 
-@jit_inline
-def _seen_cone(part: Record, cone: RoundCone) -> RoundCone:
-    r, p = part.rotation, part.position
-    x, y, z = turned_back(r, cone.x - p[0], cone.y - p[1], cone.z - p[2])
-    ux, uy, uz = turned_back(r, cone.ux, cone.uy, cone.uz)
-    shape = cone.length, cone.tan_slope, cone.inverse_length, cone.radius, cone.drop
-    return RoundCone(x, y, z, ux, uy, uz, *shape)
-
-
 @cone_distance.of(JointedSurface)
 @jit_noinline
 def _cone_distance(surface: JointedSurface, cone: RoundCone, limit: float, stack: Indices) -> float:
     for p in range(surface.part.shape[0]):
         pieces = _pieces_of(surface, p)
-        limit = cone_distance(pieces, _seen_cone(surface.part[p], cone), limit, stack)
+        limit = cone_distance(pieces, seen_cone(surface.part[p], cone), limit, stack)
     return limit
 
 

@@ -128,17 +128,13 @@ def _settle(n: int, k: int, target: Array, work: Record) -> float:
 
 
 @jit
-def _load_resumed(n: int, k: int, rows: Rows, target: Array, work: Record) -> None:
-    """Compute the right-hand sides of the rows that are active at the start."""
+def _take_guess(n: int, rows: Rows, target: Array, guess: Indices, guess_count: int, work: Record) -> int:
+    """Begin with the active rows of the last solve, or the guessed rows that are independent; return how many."""
+    k = work.counts[0] if guess_count == RESUMES else as_int64(0)
     for j in range(k):
         row = work.active[j]
         scale = _load_normal(row, n, rows, work)
         work.active_rhs[j] = _rest(n, rows.rhs[row], scale, target, work)
-
-
-@jit
-def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess_count: int, work: Record) -> int:
-    """Add the guessed rows that are independent of the active ones; return the number of active rows."""
     for g in range(guess_count):
         row = guess[g]
         held = False
@@ -152,25 +148,6 @@ def _take_guess(n: int, k: int, rows: Rows, target: Array, guess: Indices, guess
             append(n, k, row, _rest(n, rows.rhs[row], scale, target, work), length, work)
             k += 1
     return k
-
-
-@jit
-def _leave_out_active(k: int, shift: float, work: Record) -> float:
-    """Set the violations of the active rows to 0; return the largest, which is rounding."""
-    drift = 0.0
-    for j in range(k):
-        drift = max(drift, abs(work.violation[work.active[j]] - shift))
-        work.violation[work.active[j]] = 0.0
-    return drift
-
-
-@jit
-def _iteration_limit(n: int, rows: Rows) -> int:
-    """Compute the number of iterations at which a solve gives up."""
-    total = 0
-    for g in range(rows.group_start.shape[0]):
-        total += rows.group_stop[g] - rows.group_start[g]
-    return 100 + 10 * (n + total)
 
 
 @jit
@@ -200,7 +177,9 @@ def _add_row(
     """
     violation = work.violation[row] - shift
     multiplier, dual_step = work.multiplier, work.dual_step
-    added, limit = 0.0, _iteration_limit(n, rows)
+    added, limit = 0.0, 100 + 10 * n
+    for g in range(rows.group_start.shape[0]):
+        limit += 10 * (rows.group_stop[g] - rows.group_start[g])
     scale = _load_normal(row, n, rows, work)
     new_rhs = _rest(n, rows.rhs[row], scale, target, work) - shift
     status = OPTIMAL
@@ -290,17 +269,14 @@ def solve(
     work.counts[2] is a row whose normalised normal a equals Σ dual_step_j a_j over the active rows, where no
     dual_step_j is positive: Farkas' certificate is 1 for that row and -dual_step_j for the others.
     """
-    k, inverse_norm, violations = as_int64(0), work.inverse_norm[:], work.violation[:]
-    if guess_count == RESUMES:
-        k = work.counts[0]
+    inverse_norm, violations = work.inverse_norm[:], work.violation[:]
     shift, status = 0.0, OPTIMAL
     work.counts[1] = 0
     work.counts[2] = -1
     row_lengths(rows, inverse_norm)
     row_violations(rows, target, inverse_norm, violations)
     unsound = unsound_rows(rows, inverse_norm, violations)
-    _load_resumed(n, k, rows, target, work)
-    k = _take_guess(n, k, rows, target, guess, guess_count, work)
+    k = _take_guess(n, rows, target, guess, guess_count, work)
     known = k == 0
     k = _drop_negative(n, k, target, work)
     settled = True
@@ -308,7 +284,11 @@ def solve(
         if not known:
             row_violations(rows, work.x[:], inverse_norm, violations)
         known = False
-        drift = _leave_out_active(k, shift, work)
+        drift = 0.0
+        for j in range(k):
+            # What violates an active row is rounding.
+            drift = max(drift, abs(violations[work.active[j]] - shift))
+            violations[work.active[j]] = 0.0
         row = most_violated(violations, rows)
         worst = violations[row] - shift if row >= 0 else -np.inf
         if worst <= tolerance:

@@ -1,15 +1,11 @@
 """Factors of small matrices: Cholesky, and orthogonal ones that are updated row by row.
 
-Small dense symmetric positive definite systems, A x = b by A = Uᵀ U.
+A x = b is solved by A = Uᵀ U, row-oriented and right-looking: every inner loop runs along a contiguous row, so that it
+uses the vector unit in strict arithmetic, and the sums are taken in the same order on every machine.
 
-Row-oriented and right-looking: every inner loop runs along a contiguous row, so that it uses the vector unit in strict
-arithmetic, and the sums are taken in the same order on every machine.
-
-Orthogonal factors of the active rows' normals, updated as rows are added and removed.
-
-The normals are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first leaves little of
-the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and near-parallel rows, and the
-Gram matrix would lose half the digits on them. A row is dropped by Givens rotations.
+The normals of the active rows are N = Rᵀ Q, Q with orthonormal rows by Gram-Schmidt, done a second time where the first
+leaves little of the new normal (Daniel, Gragg, Kaufman & Stewart 1976): contact patches bring duplicate and
+near-parallel rows, and the Gram matrix would lose half the digits on them. A row is dropped by Givens rotations.
 
 Vectors are padded with zeros to whole multiples of `LANES`, so that loops over them have no rest and their inner part
 is one instruction. Nothing in a workspace need be set before a solve.
@@ -152,22 +148,15 @@ def back_substitute(k: int, work: Record, rhs: Array, solution: Array) -> None:
 
 
 @jit_inline
-def _coordinates(k: int, work: Record, y: Array) -> None:
-    # Rᵀ y = active_rhs.
-    column = work.column
+def resolve(n: int, k: int, target: Array, work: Record) -> None:
+    """Compute the optimum with the active rows as equations: x = x₀ + Qᵀ y, Rᵀ y = b - N x₀, multipliers R u = y."""
+    basis, x, y = work.basis, work.x, work.coefficient[:]
+    chunks = (n + LANES - 1) // LANES
     for i in range(LANES * ((k + LANES - 1) // LANES)):
         y[i] = 0.0
     for i in range(k):
-        total = dot(column[i], y, (i + LANES - 1) // LANES)
+        total = dot(work.column[i], y, (i + LANES - 1) // LANES)
         y[i] = (work.active_rhs[i] - total) * work.inverse_diagonal[i]
-
-
-@jit_inline
-def resolve(n: int, k: int, target: Array, work: Record) -> None:
-    """Compute the optimum with the active rows as equations: x = x₀ + Qᵀ y, Rᵀ y = b - N x₀, multipliers R u = y."""
-    basis, x, y = work.basis, work.x, work.coefficient
-    chunks = (n + LANES - 1) // LANES
-    _coordinates(k, work, y[:])
     for j in range(LANES * chunks):
         x[j] = 0.0
     for i in range(k):
@@ -178,7 +167,7 @@ def resolve(n: int, k: int, target: Array, work: Record) -> None:
                 x[j] = fused(s, basis[i, j], x[j])
     for j in range(n):
         x[j] += target[j]
-    back_substitute(k, work, y[:], work.multiplier[:])
+    back_substitute(k, work, y, work.multiplier[:])
 
 
 @jit_inline

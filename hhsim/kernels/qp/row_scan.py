@@ -59,20 +59,6 @@ def _add_squares(start: int, stop: int, columns: Array, first: int, square_out: 
 
 
 @jit_inline
-def _fill(start: int, stop: int, value: float, out: Array) -> None:
-    part = out[start:stop]
-    for i in range(stop - start):
-        part[i] = value
-
-
-@jit_inline
-def _invert_root(start: int, stop: int, square_out: Array) -> None:
-    square = square_out[start:stop]
-    for i in range(stop - start):
-        square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
-
-
-@jit_inline
 def _row_range(rows: Rows) -> tuple[int, int]:
     """Return the first row of any group, and the row after the last."""
     first, last = as_int64(0), as_int64(0)
@@ -87,7 +73,9 @@ def _row_range(rows: Rows) -> tuple[int, int]:
 def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
     """Compute 1 / |a| of every row, 0 for a zero row, shape (capacity,)."""
     first, last = _row_range(rows)
-    _fill(first, last, 0.0, inverse_norm_out)
+    square = inverse_norm_out[first:last]
+    for i in range(last - first):
+        square[i] = 0.0
     for g in range(rows.group_block.shape[0]):
         start, stop = rows.group_start[g], rows.group_stop[g]
         if rows.group_block[g] >= 0 and start < stop:
@@ -97,7 +85,8 @@ def row_lengths(rows: Rows, inverse_norm_out: Array) -> None:
             inverse_norm_out[rows.dense_start + i] += rows.dense[i, j] ** 2
     for j in range(0, rows.n_common, 3):
         _add_squares(first, last, rows.common, j, inverse_norm_out)
-    _invert_root(first, last, inverse_norm_out)
+    for i in range(last - first):
+        square[i] = 1.0 / math.sqrt(square[i]) if square[i] > 0.0 else 0.0
 
 
 @jit_inline
@@ -181,24 +170,16 @@ def load_dense(rows: Rows, row: int, scale: float, normal_out: Array) -> bool:
     return True
 
 
-@jit_inline
-def _unsound(start: int, stop: int, inverse_norm: Array, violation: Array) -> tuple[int, int]:
-    values, lengths = violation[start:stop], inverse_norm[start:stop]
-    nan, zero = 0, 0
-    for i in range(stop - start):
-        nan += values[i] != values[i]
-        zero += lengths[i] == 0.0
-    return nan, zero
-
-
 @jit
 def unsound_rows(rows: Rows, inverse_norm: Array, violation: Array) -> int:
     """Return the ROWS_NAN and ROWS_ZERO bits of the results of `row_lengths` and `row_violations`."""
     nans, zeros = 0, 0
     for g in range(rows.group_start.shape[0]):
-        nan, zero = _unsound(rows.group_start[g], rows.group_stop[g], inverse_norm, violation)
-        nans += nan
-        zeros += zero
+        values = violation[rows.group_start[g] : rows.group_stop[g]]
+        lengths = inverse_norm[rows.group_start[g] : rows.group_stop[g]]
+        for i in range(values.shape[0]):
+            nans += values[i] != values[i]
+            zeros += lengths[i] == 0.0
     return (ROWS_NAN if nans > 0 else 0) | (ROWS_ZERO if zeros > 0 else 0)
 
 

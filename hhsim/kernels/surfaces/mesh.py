@@ -25,7 +25,7 @@ from hhsim.kernels.contact.surface import (
     record_pieces,
     write_contact,
 )
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_int64, jit, jit_inline
 from hhsim.kernels.memory import prefetch
 from hhsim.kernels.mesh.feature_distance import (
     ELSEWHERE,
@@ -222,22 +222,6 @@ def _holds(mesh: MeshFeatures, probe: Probe, candidates: Record) -> bool:
 
 
 @jit_inline
-def _keep_way_out(contacts: Record, start: int, stop: int) -> int:
-    """Keep, of the rows of a point inside, the nearest one, as the way out; returns the row after it."""
-    best = start
-    for i in range(start, stop):
-        if contacts.distance[i] < contacts.distance[best]:
-            best = i
-    if stop <= start:
-        return stop
-    move_contact(contacts, best, start)
-    contacts.distance[start] = -contacts.distance[start]
-    for j in range(3):
-        contacts.normal[j, start] = -contacts.normal[j, start]
-    return start + 1
-
-
-@jit_inline
 def _first_key(mesh: MeshFeatures, which: int) -> int:
     return 3 * (mesh.face.shape[0] + mesh.edge.shape[0] + mesh.vertex.shape[0]) * which
 
@@ -271,9 +255,7 @@ def _face_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
 
 
 @jit_inline
-def _into_cone(
-    directions: Array, start: int, stop: int, nx: float, ny: float, nz: float
-) -> tuple[bool, int, tuple[float, float, float]]:
+def _into_cone(directions: Array, start: int, stop: int, nx: float, ny: float, nz: float) -> tuple[bool, int, Triple]:
     """Bring a unit vector just beyond a side of a normal cone into it; return success, that side or -1, the vector."""
     side, over = -1, 0.0
     for w in range(start, stop):
@@ -373,7 +355,7 @@ def _edge_rows(mesh: MeshFeatures, candidates: Record, probe: Probe, limit: floa
 
 
 @jit_inline
-def _across(wx: float, wy: float, wz: float) -> tuple[float, float, float]:
+def _across(wx: float, wy: float, wz: float) -> Triple:
     """Return a unit vector across w: where an axis meets an edge every direction is as good."""
     if abs(wx) <= abs(wy):
         scale = 1.0 / math.sqrt(wy * wy + wz * wz)
@@ -445,8 +427,16 @@ def _record(
         row = _edge_rows(mesh, candidates, probe, limit, row, contacts)
     if row >= 0:
         row = _vertex_rows(mesh, candidates, probe, limit, row, contacts)
-    if row >= 0 and candidates.least[probe.number] < 0.0 and probe.cone.radius == 0.0:
-        row = _keep_way_out(contacts, begin, row)
+    if row > begin and candidates.least[probe.number] < 0.0 and probe.cone.radius == 0.0:
+        # Of a point inside the nearest one is the way out.
+        best = begin
+        for i in range(begin, row):
+            best = i if contacts.distance[i] < contacts.distance[best] else best
+        move_contact(contacts, best, begin)
+        contacts.distance[begin] = -contacts.distance[begin]
+        for j in range(3):
+            contacts.normal[j, begin] = -contacts.normal[j, begin]
+        return begin + 1
     return row
 
 

@@ -62,15 +62,6 @@ def add_force(forces: Record, body: int, nx: float, ny: float, nz: float, magnit
 
 
 @jit
-def multiplier_forces(active: Record, forces: Record) -> None:
-    """Add λ_i n_i of every active contact; joint limits exert no force of the object."""
-    for i in range(active.count):
-        body = active.body[i]
-        if body >= 0:
-            add_force(forces, body, active.normal[0, i], active.normal[1, i], active.normal[2, i], active.multiplier[i])
-
-
-@jit
 def _same_point(pose: Record, haptic: Record, contacts: Record, i: int, point_out: Array) -> None:
     # The body frame is rigid, so the point keeps its coordinates along (axis, direction, their cross product).
     body = contacts.body[i]
@@ -116,12 +107,51 @@ def proxy_forces(options: TickOptions, state: Record) -> None:
 
 
 @jit_inline
-def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: float, forces: Record) -> None:
-    """Compute the normal force at each fingertip that Fig. 9 draws, for fingers whose phalanges bear a force.
+def palm_wrench(state: Record) -> None:
+    """Eq. 1, F = G (q_g - q_h)."""
+    pose, haptic, wrench = state.pose, state.haptic, state.forces.palm_wrench
+    rotation_vector_between(haptic.orientation, pose.orientation, state.scratch)
+    for i in range(3):
+        wrench[i] = state.stiffness[i] * (pose.position[i] - haptic.position[i])
+        wrench[3 + i] = state.stiffness[3 + i] * state.scratch[i]
 
-    It is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx; E and E₁ are the tips of the
-    graphic and the haptic finger, k the contact stiffness [N/m].
+
+@jit_inline
+def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
+    """Compute all forces of a tick, eased where the hand snaps or did in the last tick.
+
+    For FORCE_PAPER the state's contacts must be those of the final configuration.
     """
+    if snaps:
+        copy_values(state.forces.phalanx, state.forces.before)
+    clear_forces(state.forces)
+    if options.force_model == FORCE_PAPER:
+        proxy_forces(options, state)
+    else:
+        active, normal = state.active, state.active.normal
+        for i in range(active.count):
+            # Joint limits exert no force of the object.
+            if active.body[i] >= 0:
+                magnitude = active.multiplier[i]
+                add_force(state.forces, active.body[i], normal[0, i], normal[1, i], normal[2, i], magnitude)
+    eases = snaps and options.force_model == FORCE_KKT
+    if eases:
+        ease_forces(state)
+    finish_forces(options, state)
+    if eases and state.progress.snaps:
+        for i in range(3):
+            state.forces.total[i] = state.forces.palm_wrench[i]
+
+
+@jit_inline
+def finish_forces(options: TickOptions, state: Record) -> None:
+    """Compute what both models share: the palm's wrench, and the normal force at each fingertip that Fig. 9 draws.
+
+    That is k |E E₁| along the part of E₁E perpendicular to the graphic distal phalanx, for fingers whose phalanges bear
+    a force; E and E₁ are the tips of the graphic and the haptic finger, k the contact stiffness [N/m].
+    """
+    pose, haptic, forces = state.pose, state.haptic, state.forces
+    palm_wrench(state)
     for f in range(FINGER_COUNT):
         bears = 0.0
         for k in range(PHALANX_COUNT):
@@ -138,49 +168,10 @@ def fingertip_normal_forces(pose: Record, haptic: Record, contact_stiffness: flo
         across = math.sqrt(nx * nx + ny * ny + nz * nz)
         if across == 0.0:
             continue
-        scale = contact_stiffness * math.sqrt(ex * ex + ey * ey + ez * ez) / across
+        scale = options.contact_stiffness * math.sqrt(ex * ex + ey * ey + ez * ez) / across
         forces.fingertip_normal[f, 0] = scale * nx
         forces.fingertip_normal[f, 1] = scale * ny
         forces.fingertip_normal[f, 2] = scale * nz
-
-
-@jit_inline
-def palm_wrench(pose: Record, haptic: Record, stiffness: Array, scratch: Array, forces: Record) -> None:
-    """Eq. 1, F = G (q_g - q_h); stiffness of all 21 variables, shape (21,), scratch of shape (3,)."""
-    rotation_vector_between(haptic.orientation, pose.orientation, scratch)
-    for i in range(3):
-        forces.palm_wrench[i] = stiffness[i] * (pose.position[i] - haptic.position[i])
-        forces.palm_wrench[3 + i] = stiffness[3 + i] * scratch[i]
-
-
-@jit_inline
-def hand_forces(options: TickOptions, snaps: bool, state: Record) -> None:
-    """Compute all forces of a tick, eased where the hand snaps or did in the last tick.
-
-    For FORCE_PAPER the state's contacts must be those of the final configuration.
-    """
-    if snaps:
-        copy_values(state.forces.phalanx, state.forces.before)
-    clear_forces(state.forces)
-    if options.force_model == FORCE_PAPER:
-        proxy_forces(options, state)
-    else:
-        multiplier_forces(state.active, state.forces)
-    eases = snaps and options.force_model == FORCE_KKT
-    if eases:
-        ease_forces(state)
-    finish_forces(options, state)
-    if eases and state.progress.snaps:
-        for i in range(3):
-            state.forces.total[i] = state.forces.palm_wrench[i]
-
-
-@jit_inline
-def finish_forces(options: TickOptions, state: Record) -> None:
-    """Compute what both models share: the fingertips' normal forces and the palm's wrench."""
-    pose, haptic, forces = state.pose, state.haptic, state.forces
-    fingertip_normal_forces(pose, haptic, options.contact_stiffness, forces)
-    palm_wrench(pose, haptic, state.stiffness, state.scratch, forces)
 
 
 @jit_noinline

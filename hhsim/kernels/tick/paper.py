@@ -15,17 +15,16 @@ from numpy.typing import NDArray
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import SurfaceCode
 from hhsim.kernels.contact.linearise import ROW_CAPACITY, limit_rows
-from hhsim.kernels.hand.hand_shape import FRUSTUM, SHAPE, frustum_shapes, place_frustum
+from hhsim.kernels.hand.hand_shape import FRUSTUM, frustum_shapes, place_frustum
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint, update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
-from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import euler_axes, euler_quaternion, nearest_euler
 from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import end_work, spent_units
+from hhsim.kernels.tick.evaluation import count_program, end_work, spent_units
 from hhsim.kernels.tick.force import hand_forces
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.paper_contacts import (
@@ -41,19 +40,15 @@ from hhsim.kernels.tick.paper_contacts import (
     phalanx_contacts,
     phalanx_rows,
 )
-from hhsim.kernels.tick.state import (
-    STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_ROW,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
+from hhsim.kernels.tick.state import STATUS_STUCK, WORK_CANDIDATES, WORK_ROWS, WORK_TOUCHING
+from hhsim.kernels.tick.step import (
+    ACTIVE_CAPACITY,
+    DURATION_DETECT,
+    DURATION_FINGERS,
+    DURATION_FORCE,
+    DURATION_PALM,
+    lap,
 )
-from hhsim.kernels.tick.step import ACTIVE_CAPACITY, DURATION_DETECT, DURATION_FINGERS, DURATION_FORCE, DURATION_PALM
 
 PAPER_STATE = np.dtype(
     [
@@ -61,10 +56,7 @@ PAPER_STATE = np.dtype(
         ("haptic_euler", np.float64, (3,)),  # those of the haptic palm
         ("axes", np.float64, (3, 3)),  # world axes of the three angles
         ("tried", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # joint angles set aside while others are looked at [rad]
-        ("shapes", np.float64, (PALM_BODY, SHAPE)),  # of each phalanx, see `kernels.hand.hand_shape`
-        ("lowest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),  # the joints' limits [rad]
-        ("highest", np.float64, (FINGER_COUNT, PHALANX_COUNT)),
-        ("frustum", FRUSTUM),  # the phalanx at hand
+        ("frustum", FRUSTUM, (PALM_BODY,)),  # of each phalanx, see `kernels.hand.hand_shape`
         ("x", np.float64, (PALM_BODY, PHALANX_PAIRS)),  # object sphere of each pair of a phalanx [m], world
         ("y", np.float64, (PALM_BODY, PHALANX_PAIRS)),
         ("z", np.float64, (PALM_BODY, PHALANX_PAIRS)),
@@ -169,14 +161,14 @@ def _solve_palm(
 
 
 @jit
-def _take_haptic_flexion(state: Record, finger: int, paper: Record) -> None:
+def _take_haptic_flexion(hand: HandArrays, state: Record, finger: int) -> None:
     for k in range(PHALANX_COUNT):
         angle = state.haptic.flexion[finger, k]
-        state.pose.flexion[finger, k] = min(max(angle, paper.lowest[finger, k]), paper.highest[finger, k])
+        state.pose.flexion[finger, k] = min(max(angle, hand.flexion_min[finger, k]), hand.flexion_max[finger, k])
 
 
 @jit
-def finger_program(finger: int, state: Record, paper: Record) -> int:
+def finger_program(hand: HandArrays, finger: int, state: Record, paper: Record) -> int:
     """Rows of a finger on the palm as it now stands; returns the number of contact rows, -1 where they do not fit."""
     pose, problem = state.pose, state.problem
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
@@ -185,10 +177,10 @@ def finger_program(finger: int, state: Record, paper: Record) -> int:
         body = PHALANX_COUNT * finger + k
         if row < 0 or state.candidates.count[body] == 0:
             continue
-        place_frustum(paper.shapes, pose, finger, k, paper.frustum)
+        place_frustum(pose, finger, k, paper.frustum[body])
         row = phalanx_rows(body, row, state, paper)
     if row > 0:
-        low, high = paper.lowest[finger], paper.highest[finger]
+        low, high = hand.flexion_min[finger], hand.flexion_max[finger]
         limit_rows(row, pose.flexion[finger], low, high, weight, problem.common, problem.block, problem.rhs)
         for k in range(PHALANX_COUNT):
             paper.target[k] = (state.haptic.flexion[finger, k] - pose.flexion[finger, k]) / weight[k]
@@ -202,9 +194,9 @@ def _solve_finger(
     pose, problem = state.pose, state.problem
     rows = as_int64(-1)
     if paper.full[finger + 1] == 0:
-        rows = finger_program(finger, state, paper)
+        rows = finger_program(hand, finger, state, paper)
     if rows == 0:
-        _take_haptic_flexion(state, finger, paper)
+        _take_haptic_flexion(hand, state, finger)
         return True
     if rows > 0:
         state.work[WORK_CANDIDATES] += rows
@@ -216,7 +208,7 @@ def _solve_finger(
             return True
     for k in range(PHALANX_COUNT):
         paper.tried[finger, k] = pose.flexion[finger, k]
-    _take_haptic_flexion(state, finger, paper)
+    _take_haptic_flexion(hand, state, finger)
     update_kinematics(hand, pose)
     free = finger_is_free(tree, pose, finger, state, paper)
     if not free:
@@ -246,7 +238,7 @@ def _count_touching(touch: float, state: Record, paper: Record) -> None:
         for k in range(PHALANX_COUNT):
             body = PHALANX_COUNT * f + k
             if candidates.count[body] > 0:
-                place_frustum(paper.shapes, pose, f, k, paper.frustum)
+                place_frustum(pose, f, k, paper.frustum[body])
                 row = phalanx_contacts(body, touch, row, state, paper)
         contacts.start[f + 2] = row
     state.work[WORK_TOUCHING] = row
@@ -262,45 +254,34 @@ def _tick(method: Paper, hand: HandArrays, surface: SurfaceCode, state: Record, 
     state.step.iterations = 0
     state.progress.lag = 0.0
     stuck = False
-    most = as_int64(0)
+    state.step.lap = monotonic_ns()
     for i in range(options.linearisations):
         if i > 0 and spent_units(state) >= options.budget:
             break
-        began = monotonic_ns()
         detect(hand, palm, tree, options.margin, state, paper)
-        detected = monotonic_ns()
+        lap(DURATION_DETECT, state)
         state.active.count = 0
         state.work[WORK_CANDIDATES] = 0
         stuck = not _solve_palm(hand, palm, tree, options, state, paper, qp)
         for f in range(FINGER_COUNT):
             pose.abduction[f] = haptic.abduction[f]
-        solved = monotonic_ns()
+        lap(DURATION_PALM, state)
         update_kinematics(hand, pose)
         for f in range(FINGER_COUNT):
             stuck = not _solve_finger(hand, tree, options, f, state, paper, qp) or stuck
         update_kinematics(hand, pose)
-        finished = monotonic_ns()
-        rows = state.work[WORK_CANDIDATES]
-        most = max(most, rows)
-        near = 0
+        lap(DURATION_FINGERS, state)
+        rows, near = state.work[WORK_CANDIDATES], as_int64(0)
         for body in range(BODY_COUNT):
-            if state.candidates.count[body] > 0:
-                near += 1
-        state.work[WORK_BODIES] = max(state.work[WORK_BODIES], near)
-        state.work[WORK_LINEARISATIONS] += 1
-        state.work[WORK_UNITS] += UNITS_LINEARISATION + (UNITS_CONTACT + UNITS_ROW) * rows
-        state.step.duration[DURATION_DETECT] += detected - began
-        state.step.duration[DURATION_PALM] += solved - detected
-        state.step.duration[DURATION_FINGERS] += finished - solved
-    began = monotonic_ns()
+            near += 1 if state.candidates.count[body] > 0 else 0
+        count_program(near, rows, rows, rows, state.work[:])
     _count_touching(options.touch, state, paper)
     hand_forces(options, as_bool(False), state)
     # Eq. 1 in the paper's variables: of the palm's rotation its three Euler angles, not the rotation vector.
     for j in range(3):
         state.forces.palm_wrench[3 + j] = state.stiffness[3 + j] * (paper.euler[j] - paper.haptic_euler[j])
-    state.step.duration[DURATION_FORCE] += monotonic_ns() - began
-    state.work[WORK_CANDIDATES] = most
-    state.work[WORK_ROWS] = most
+    lap(DURATION_FORCE, state)
+    state.work[WORK_CANDIDATES] = state.work[WORK_ROWS]
     end_work(state)
     if stuck:
         state.progress.lag = farthest_joint(pose.joints, haptic.joints)
@@ -313,9 +294,7 @@ def begin_paper(hand: HandArrays, states: NDArray[np.void], papers: NDArray[np.v
     """Take the graphic hand's configuration as it now stands: kinematics and Euler angles."""
     state, paper = states[0], papers[0]
     update_kinematics(hand, state.pose)
-    frustum_shapes(hand, paper.shapes)
-    copy_values(hand.flexion_min, paper.lowest[:])
-    copy_values(hand.flexion_max, paper.highest[:])
+    frustum_shapes(hand, paper.frustum)
     paper.haptic_euler[:] = 0.0
     nearest_euler(state.pose.rotation, paper.haptic_euler, paper.euler)
     paper.guess[0] = 0

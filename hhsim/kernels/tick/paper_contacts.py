@@ -1,9 +1,8 @@
 """Contacts of method `paper`: which pairs meet as both trees are walked, and their constraints.
 
-Method `paper`: which pairs of the graphic hand and the object are in contact (Eq. 3 to 7, 13), walking both trees.
-
-Every part of the graphic hand is grown by Δr first (the paper's contact constraint prediction, Section IV-B2), so that
-the pairs found bound a step before they touch. Growing a part by Δr is the same as growing the object's spheres.
+Pairs are those of Eq. 3 to 7 and 13. Every part of the graphic hand is grown by Δr first (the paper's contact
+constraint prediction, Section IV-B2), so that the pairs found bound a step before they touch. Growing a part by Δr is
+the same as growing the object's spheres.
 
 Each test is monotone: a node that encloses a leaf meets it whenever the leaf does, so the walk tests nodes by the very
 equations of the leaves. (Eq. 13's narrower range of k is not monotone, so it is asked of leaves alone.)
@@ -11,9 +10,7 @@ equations of the leaves. (Eq. 13's narrower range of k is not monotone, so it is
 Palm: its sphere tree against the object's, and the spheres of the five knuckles, which no finger joint moves. Phalanx:
 its cone frustum, and the sphere at its thin end: the joint's (Section III-B), or the fingertip's hemisphere.
 
-Method `paper`: nonpenetration constraints, linearised once (Eq. 8, 10, 12 and 13), in the rows of `active_set`.
-
-The paper's constraints are squared distances,
+The paper's constraints, linearised once (Eq. 8, 10, 12 and 13) in the rows of `active_set`, are squared distances,
 
     C = |x_H - x_O|² - (r_H + r_O)²                          sphere and sphere (Eq. 8, C² of Eq. 13)
     C = |OC|² - (R / cos φ + k (r₁ - r₂) + r₂)²              frustum and sphere (Eq. 10, C¹ of Eq. 13)
@@ -118,28 +115,23 @@ def gather_palm(
 
 
 @jit
-def gather_knuckle(
-    hand: HandArrays,
-    tree: TreeArrays,
-    pose: Record,
-    finger: int,
-    growth: float,
-    most: int,
-    count: int,
-    state: Record,
-    paper: Record,
+def gather_knuckles(
+    hand: HandArrays, tree: TreeArrays, pose: Record, growth: float, most: int, count: int, state: Record, paper: Record
 ) -> int:
-    """Append the pairs of a finger's first joint sphere, which belongs to the palm; returns as `gather_palm`."""
-    center = pose.joints[finger, 0]
-    cone = sphere_cone(center[0], center[1], center[2], hand.radius[finger, 0])
-    found, _, tests = gather_pieces(tree, cone, growth, growth, paper.stack[:], paper.scratch[:])
-    state.work[COUNT_NODE_TESTS] += tests
-    if found < 0 or count + found > most:
-        return -1
-    for i in range(found):
-        x, y, z = hand.base[finger, 0], hand.base[finger, 1], hand.base[finger, 2]
-        _write_palm_pair(paper, count, x, y, z, hand.radius[finger, 0], tree, paper.scratch[i])
-        count += 1
+    """Append the pairs of the fingers' first joint spheres, which belong to the palm; returns as `gather_palm`."""
+    for f in range(FINGER_COUNT if count >= 0 else 0):
+        if state.modelled[PHALANX_COUNT * f] == 0:
+            continue
+        center, radius = pose.joints[f, 0], hand.radius[f, 0]
+        cone = sphere_cone(center[0], center[1], center[2], radius)
+        found, _, tests = gather_pieces(tree, cone, growth, growth, paper.stack[:], paper.scratch[:])
+        state.work[COUNT_NODE_TESTS] += tests
+        if found < 0 or count + found > most:
+            return -1
+        for i in range(found):
+            x, y, z = hand.base[f, 0], hand.base[f, 1], hand.base[f, 2]
+            _write_palm_pair(paper, count, x, y, z, radius, tree, paper.scratch[i])
+            count += 1
     return count
 
 
@@ -148,8 +140,8 @@ def gather_phalanx(
     tree: TreeArrays, pose: Record, body: int, growth: float, capacity: int, state: Record, paper: Record
 ) -> int:
     """Gather leaves within `growth` [m] by Eq. 7 (frustum) or Eq. 3 (end sphere); return how many, -1 if too many."""
-    place_frustum(paper.shapes, pose, body // PHALANX_COUNT, body % PHALANX_COUNT, paper.frustum)
-    frustum, closed, kind_out = paper.frustum, paper.closed, paper.kind
+    frustum, closed, kind_out = paper.frustum[body], paper.closed, paper.kind
+    place_frustum(pose, body // PHALANX_COUNT, body % PHALANX_COUNT, frustum)
     work = state.work
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
@@ -213,9 +205,7 @@ def detect(hand: HandArrays, palm: TreeArrays, tree: TreeArrays, growth: float, 
     """
     pose, candidates = state.pose, state.candidates
     count = gather_palm(palm, tree, pose, growth, as_int64(PALM_PAIRS), state, paper)
-    for f in range(FINGER_COUNT):
-        if count >= 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose, f, growth, as_int64(PALM_PAIRS), count, state, paper)
+    count = gather_knuckles(hand, tree, pose, growth, as_int64(PALM_PAIRS), count, state, paper)
     paper.full[0] = 1 if count < 0 else 0
     candidates.count[PALM_BODY] = max(count, 0)
     for f in range(FINGER_COUNT):
@@ -237,10 +227,7 @@ def palm_is_free(
 ) -> bool:
     """Return True if the palm and the knuckles of `pose` touch nothing."""
     count = gather_palm(palm, tree, pose, 0.0, as_int64(0), state, paper)
-    for f in range(FINGER_COUNT):
-        if count == 0 and state.modelled[PHALANX_COUNT * f] == 1:
-            count = gather_knuckle(hand, tree, pose, f, 0.0, as_int64(0), count, state, paper)
-    return count == 0
+    return gather_knuckles(hand, tree, pose, 0.0, as_int64(0), count, state, paper) == 0
 
 
 @jit
@@ -290,7 +277,7 @@ def phalanx_rows(body: int, row: int, state: Record, paper: Record) -> int:
 
     The frustum is that of the phalanx at the palm of t and the joint angles of t - 1.
     """
-    problem, kind, frustum = state.problem, paper.kind, paper.frustum
+    problem, kind, frustum = state.problem, paper.kind, paper.frustum[body]
     finger, phalanx = body // PHALANX_COUNT, body % PHALANX_COUNT
     joints, axis = state.pose.joints[finger], state.pose.axis[finger]
     weight = problem.inverse_root[6 + PHALANX_COUNT * finger : 9 + PHALANX_COUNT * finger]
@@ -369,7 +356,7 @@ def phalanx_contacts(body: int, touch: float, row: int, state: Record, paper: Re
     sphere. The distance is that along the normal of the part.
     """
     contacts = state.contacts
-    kind, frustum, closed = paper.kind, paper.frustum, paper.closed
+    kind, frustum, closed = paper.kind, paper.frustum[body], paper.closed
     distal = body % PHALANX_COUNT == PHALANX_COUNT - 1
     ex, ey, ez = frustum.end[0], frustum.end[1], frustum.end[2]
     ux, uy, uz = frustum.axis[0], frustum.axis[1], frustum.axis[2]

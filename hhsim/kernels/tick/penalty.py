@@ -37,22 +37,11 @@ from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import factorise, solve_factorised
 from hhsim.kernels.tick.block import tick
-from hhsim.kernels.tick.evaluation import end_work, spent_units
+from hhsim.kernels.tick.evaluation import UNITS_QP_ITERATION, count_program, end_work, spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, add_force, clear_forces, finish_forces, proxy_forces
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import (
-    STATUS_CAPACITY_EXCEEDED,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_QP_ITERATION,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_TOUCHING,
-    WORK_UNITS,
-)
-from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM
+from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, WORK_ROWS, WORK_TOUCHING
+from hhsim.kernels.tick.step import DURATION_DETECT, DURATION_FORCE, DURATION_PALM, lap
 from hhsim.kernels.tick.tick import begin_tick, step_to_haptic
 
 LIMIT_WEIGHT = 1e10
@@ -150,32 +139,6 @@ def _springs(penalty: PenaltyOptions, contacts: Record, rhs: Array, work: Record
         work.threshold[i] = rhs[i] * (stiffness / damped) if inside else rhs[i]
 
 
-@jit_inline
-def _shortfall(
-    start: int,
-    stop: int,
-    palm: bool,
-    common: Array,
-    block: Array,
-    y: Array,
-    joints: Array,
-    threshold: Array,
-    out: Array,
-) -> None:
-    # r - a · y of contacts start … stop - 1; `joints` (3,) is the part of y that the contacts' finger has.
-    for i in range(start, stop):
-        out[i] = threshold[i]
-    for j in range(6):
-        value = y[j]
-        for i in range(start, stop):
-            out[i] -= common[j, i] * value
-    if not palm:
-        for k in range(PHALANX_COUNT):
-            value = joints[k]
-            for i in range(start, stop):
-                out[i] -= block[k, i] * value
-
-
 @jit
 def _add_spring(problem: Record, i: int, finger: int, weight: float, threshold: float, work: Record) -> None:
     # w a aᵀ to the matrix, w r a to the right-hand side; finger -1 is the palm.
@@ -226,12 +189,18 @@ def _round(problem: Record, contacts: Record, alpha: float, work: Record) -> int
 @jit
 def _shortfalls(problem: Record, contacts: Record, y: Array, threshold: Array, out: Array) -> None:
     # r - a · y of all contacts.
-    for group in range(FINGER_COUNT + 1):
-        start, stop = contacts.start[group], contacts.start[group + 1]
-        if stop > start:
-            first = max(6 + PHALANX_COUNT * (group - 1), 0)
-            joints = y[first : first + PHALANX_COUNT]
-            _shortfall(start, stop, group == 0, problem.common, problem.block, y, joints, threshold, out)
+    common, block = problem.common, problem.block
+    for i in range(contacts.start[FINGER_COUNT + 1]):
+        out[i] = threshold[i]
+    for j in range(6):
+        value = y[j]
+        for i in range(contacts.start[FINGER_COUNT + 1]):
+            out[i] -= common[j, i] * value
+    for f in range(FINGER_COUNT):
+        for k in range(PHALANX_COUNT):
+            value = y[6 + PHALANX_COUNT * f + k]
+            for i in range(contacts.start[f + 1], contacts.start[f + 2]):
+                out[i] -= block[k, i] * value
 
 
 @jit_inline
@@ -345,35 +314,31 @@ class Penalty(NamedTuple):
 @jit
 def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record, qp: QpWork) -> int:
     options, penalty, work = method.options, method.dynamics, method.work[0]
-    began = monotonic_ns()
+    state.step.lap = monotonic_ns()
     begin_tick(options, state)
-    problem, contacts, duration = state.problem, state.contacts, state.step.duration
+    problem, contacts = state.problem, state.contacts
     status = 0 if _find(hand, surface, options, state) else STATUS_CAPACITY_EXCEEDED
     _aim(hand, penalty, state, work)
     build_rows(hand, state.pose, contacts, 0.0, state.program.is_relaxed, problem)
     _springs(penalty, contacts, problem.rhs, work)
-    count = contacts.start[FINGER_COUNT + 1]
-    state.work[WORK_CANDIDATES] = count
-    state.work[WORK_ROWS] = count
-    state.work[WORK_UNITS] = UNITS_LINEARISATION + UNITS_CONTACT * count
+    count, near = contacts.start[FINGER_COUNT + 1], as_int64(0)
     for body in range(BODY_COUNT):
-        if state.candidates.nearest[body] <= options.margin:
-            state.work[WORK_BODIES] += 1
-    found = monotonic_ns()
-    duration[DURATION_DETECT] += found - began
+        near += 1 if state.candidates.nearest[body] <= options.margin else 0
+    # Its rows cost rounds alone.
+    count_program(near, count, count, as_int64(0), state.work[:])
+    state.work[WORK_ROWS] = count
+    lap(DURATION_DETECT, state)
 
     share = penalty.response / penalty.period
     alpha = 1.0 + 2.0 * share + share * share
     affordable = max((options.budget - spent_units(state)) // UNITS_QP_ITERATION, 1)
     rounds = _minimise(problem, contacts, alpha, min(options.linearisations, affordable), work)
     state.step.iterations = rounds
-    state.work[WORK_LINEARISATIONS] = 1
     for j in range(DOF):
         y = min(max(work.step[j], work.lowest[j]), work.highest[j])
         work.velocity[j] = y / penalty.period
         state.step.delta[j] = y * problem.inverse_root[j]
-    solved = monotonic_ns()
-    duration[DURATION_PALM] += solved - found
+    lap(DURATION_PALM, state)
 
     move(state.pose, state.step.delta, problem.abduction_step, 1.0)
     update_kinematics(hand, state.pose)
@@ -381,8 +346,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record
         status |= STATUS_CAPACITY_EXCEEDED
     _, state.work[WORK_TOUCHING] = pairs_near(surface, hand, state.candidates, options.touch)
     end_work(state)
-    moved = monotonic_ns()
-    duration[DURATION_DETECT] += moved - solved
+    lap(DURATION_DETECT, state)
     _forces(options, hand, surface, state, work)
-    duration[DURATION_FORCE] += monotonic_ns() - moved
+    lap(DURATION_FORCE, state)
     return status

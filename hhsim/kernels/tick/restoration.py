@@ -1,10 +1,9 @@
 """Restoration after a step that ends inside, and prediction of the pose that a tick begins with.
 
-The prediction is the last pose, moved on as in the last tick.
-
-A hand that slides needs two linearisations from where it stands, and one from where it is going, since the step from
-there is short and its contacts are the right ones. Nothing is accepted by a prediction: a tick that finds no step from
-there returns to where it began. No decision depends on how old the lists of pairs are: neither do the bits.
+The prediction is the last pose, moved on as in the last tick. A hand that slides needs two linearisations from where it
+stands, and one from where it is going, since the step from there is short and its contacts are the right ones. Nothing
+is accepted by a prediction: a tick that finds no step from there returns to where it began. No decision depends on how
+old the lists of pairs are: neither do the bits.
 """
 
 import math
@@ -12,10 +11,9 @@ import math
 from hhsim.kernels.contact.detection import SurfaceCode
 from hhsim.kernels.contact.hand_pairs import EXACT, LOOK, ask_pairs
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
-from hhsim.kernels.hand.pose import copy_configuration, move
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.hand.pose import copy_configuration, move, step_between
 from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
-from hhsim.kernels.rotation import rotation_vector_between
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, complete_lists, evaluate_pose, lacks_pairs, least_distance
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import allowed_fraction
@@ -96,29 +94,6 @@ UNFORESEEN = 0.5
 """Reach of the first program after a prediction, as a share of the predicted motion."""
 
 
-@jit
-def judge_last_tick(state: Record) -> None:
-    """Take from the last tick whether its motion predicts the next one, before its progress is reset."""
-    prediction, progress = state.prediction, state.progress
-    prediction.is_steady = progress.lag == 0.0 and progress.path <= STEADY * prediction.previous_path
-    prediction.previous_path = progress.path
-
-
-@jit
-def _last_motion(hand: HandArrays, share: float, state: Record) -> None:
-    """Write a share of the last tick's motion into the step, within the joints' limits."""
-    pose, start, delta = state.pose, state.prediction.start, state.step.delta
-    rotation_vector_between(start.orientation, pose.orientation, state.scratch)
-    for i in range(3):
-        delta[i] = share * (pose.position[i] - start.position[i])
-        delta[3 + i] = share * state.scratch[i]
-    for f in range(FINGER_COUNT):
-        state.problem.abduction_step[f] = share * (pose.abduction[f] - start.abduction[f])
-        for k in range(PHALANX_COUNT):
-            delta[6 + 3 * f + k] = share * (pose.flexion[f, k] - start.flexion[f, k])
-        clamp_to_limits(hand, pose, f, delta[:])
-
-
 @jit_noinline
 def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
     """Move a hand in contact on as the last tick did and the user's slows down, within the bound of the tick."""
@@ -128,7 +103,13 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     prediction.is_predicted = False
     foreseeable = share >= SLOWER and prediction.is_steady and state.active.count > 0
     if foreseeable:
-        _last_motion(hand, share, state)
+        delta, abduction = state.step.delta[:], state.problem.abduction_step[:]
+        step_between(prediction.start, state.pose, delta, abduction, state.scratch)
+        for j in range(DOF):
+            delta[j] *= share
+        for f in range(FINGER_COUNT):
+            abduction[f] *= share
+            clamp_to_limits(hand, state.pose, f, delta)
     copy_configuration(state.pose, prediction.start)
     if not foreseeable:
         return

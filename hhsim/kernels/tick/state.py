@@ -44,15 +44,6 @@ WORK_UNITS = 9
 
 WORK_COUNTERS = 10
 
-UNITS_LINEARISATION = 1500
-UNITS_NODE_TEST = 10
-UNITS_PAIR_TEST = 2
-UNITS_CONTACT = 60
-UNITS_ROW = 100
-UNITS_QP_ITERATION = 1500
-"""Work units of each piece of work, about a nanosecond on a 2.6 GHz core with AVX-512; only their ratios matter. A
-contact is a pair within reach as it is found, a row one that is kept."""
-
 
 JOINTS = (FINGER_COUNT, PHALANX_COUNT + 1, 3)
 """Shape of the joints and tips of the fingers."""

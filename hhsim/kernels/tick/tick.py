@@ -1,23 +1,14 @@
 """Stages of a tick: its beginning, a linearisation, an accepted step, its status, and when decoupling is suspended.
 
-Suspension of decoupling: palm and fingers share one program where apart they make no progress.
-
 A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
 The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
 brought it down lets palm and fingers share a program, as does one whose steps apart all end inside the object. They
 share it until the user's hand has left the place: apart they would do the same again from where they come to rest.
 
-One linearisation of a tick: the contacts within reach, and the quadratic program that they make.
-
-One tick: from the last graphic hand and the new haptic hand to the new graphic hand and its forces (paper, Fig. 3).
-
-docs/methods.md ("A tick that cannot penetrate") has its 14 lines, each with the function that does it. In short:
-a program, as much of its step as the listed pairs allow, the true distances. By these alone a pose becomes the safe
-one, and a tick ends at a safe one.
-
-With ρ the smaller of the trust region's radius and reach, `allowed_fraction` lets body b move by min(slack, ρ) if one
-of its pairs is within ρ, else by min(slack, its least distance): pairs that are not listed are farther than the slack.
-An unfinished tick leaves three flags to the next: clearance waived, palm and fingers together, abduction held.
+`kernels.world.tick` says what a tick is. With ρ the smaller of the trust region's radius and reach, `allowed_fraction`
+lets body b move by min(slack, ρ) if one of its pairs is within ρ, else by min(slack, its least distance): pairs that
+are not listed are farther than the slack. An unfinished tick leaves three flags to the next: clearance waived, palm and
+fingers together, abduction held.
 """
 
 import numpy as np
@@ -28,38 +19,16 @@ from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, step_bet
 from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.evaluation import usual_reach
+from hhsim.kernels.tick.evaluation import UNITS_CONTACT, count_program, usual_reach
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.restoration import LEAST_TRUST, TRUST_DECAY, judge_last_tick
-from hhsim.kernels.tick.state import (
-    STATUS_ABDUCTION_HELD,
-    STATUS_LAG,
-    STATUS_STUCK,
-    UNITS_CONTACT,
-    UNITS_LINEARISATION,
-    UNITS_ROW,
-    WORK_BODIES,
-    WORK_CANDIDATES,
-    WORK_LINEARISATIONS,
-    WORK_ROWS,
-    WORK_UNITS,
-)
+from hhsim.kernels.tick.restoration import LEAST_TRUST, STEADY, TRUST_DECAY
+from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_STUCK, WORK_UNITS
 from hhsim.kernels.tick.step import WHOLE_TARGET, copy_active, set_bound
 
 SUSPENSION_MARGINS = 10.0
 """Motion of the haptic hand after which palm and fingers are solved apart again, in margins."""
 PROGRESS = 0.9
 """Share of the coupling's energy to which a lagging tick must at least bring it down."""
-
-
-@jit
-def stays_suspended(options: TickOptions, state: Record) -> bool:
-    """Return whether the user's hand is still near where palm and fingers apart made no progress."""
-    decoupling = state.decoupling
-    if not decoupling.is_suspended:
-        return False
-    moved = farthest_joint(decoupling.suspended_joints, state.haptic.joints)
-    return moved <= SUSPENSION_MARGINS * options.margin
 
 
 @jit
@@ -123,13 +92,8 @@ def count_linearisation(
     hand: HandArrays, surface: SurfaceCode, options: TickOptions, found: int, rows: int, state: Record
 ) -> None:
     """Add a program of so many contacts found and rows kept to the work of the tick."""
-    work = state.work
     bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.trust.reach))
-    work[WORK_BODIES] = max(work[WORK_BODIES], bodies)
-    work[WORK_LINEARISATIONS] += 1
-    work[WORK_CANDIDATES] = max(work[WORK_CANDIDATES], pairs)
-    work[WORK_ROWS] = max(work[WORK_ROWS], rows)
-    work[WORK_UNITS] += UNITS_LINEARISATION + UNITS_CONTACT * found + UNITS_ROW * rows
+    count_program(bodies, pairs, found, rows, state.work[:])
 
 
 REACH_GROWTH = 4.0
@@ -165,10 +129,12 @@ def _carry_over_trust(options: TickOptions, state: Record) -> None:
 @jit_inline
 def begin_tick(options: TickOptions, state: Record) -> None:
     """Reset what belongs to one tick; the present configuration, evaluated and free of penetration, is the safe one."""
-    progress = state.progress
+    progress, prediction, decoupling = state.progress, state.prediction, state.decoupling
     copy_configuration(state.pose, state.safe)
     progress.differs_from_safe = False
-    state.decoupling.is_suspended = stays_suspended(options, state)
+    if decoupling.is_suspended:
+        moved = farthest_joint(decoupling.suspended_joints, state.haptic.joints)
+        decoupling.is_suspended = moved <= SUSPENSION_MARGINS * options.margin
     _carry_over_trust(options, state)
     state.progressive.variables = 6
     progress.is_accepted = False
@@ -178,7 +144,8 @@ def begin_tick(options: TickOptions, state: Record) -> None:
     state.step.duration[:] = 0
     state.step.iterations = 0
     state.trust.reach = usual_reach(options, state)
-    judge_last_tick(state)
+    prediction.is_steady = progress.lag == 0.0 and progress.path <= STEADY * prediction.previous_path
+    prediction.previous_path = progress.path
     state.work[:] = 0
     progress.path = 0.0
     set_bound(options, state)

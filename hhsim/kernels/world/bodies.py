@@ -10,7 +10,6 @@ from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS
@@ -28,62 +27,31 @@ from hhsim.kernels.world.body import (
     take_velocity,
     turn_back,
 )
-from hhsim.kernels.world.columns import (
-    body_column,
-    body_count,
-    hand_count,
-    object_columns,
-    other_in,
-    pair_count,
-    palm_column,
-    variable_count,
-)
+from hhsim.kernels.world.columns import object_columns, variable_count
 from hhsim.kernels.world.edges import measure_edges, record_edges
 from hhsim.kernels.world.joints import begin_joints, has_joint_rows, joints_hold
 from hhsim.kernels.world.pairs import (
-    AIM,
-    BACK,
-    BEAR,
-    BEGIN,
-    CLIP,
-    COLUMNS,
-    CONTACTS,
-    DAMP,
-    EDGES,
-    END,
-    HOLD,
-    KEEP,
-    LOWEST,
+    AIMED,
+    LEAST_RAISE,
     MOST_DAMPING,
     MOST_RAISES,
-    MOVE,
-    PLACE,
-    REWRITE,
-    SEE,
-    SHIFTS,
-    SNAP,
-    STEPS,
-    TABLE,
-    TAKE,
-    TURN,
+    STAGE,
     World,
     begin_bounds,
     beyond_bound,
+    damp,
     mark_snap,
-    measure_user_motions,
     mover_of,
-    raise_damping,
+    take_hands,
 )
-from hhsim.kernels.world.program import begin_search, clip_shifts, solve_free, take_steps
-from hhsim.kernels.world.record import clear_borne, copy_borne, find_borne, turn_loads
+from hhsim.kernels.world.program import SEARCHED, clip_shifts, take_steps
+from hhsim.kernels.world.record import clear_borne, find_borne, turn_loads
 from hhsim.kernels.world.rows import begin_frictions, find_frictions
 from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 
 CLOSE = 20.0
 FLOATS = 2.0
 """Contacts up to CLOSE offsets, plus FLOATS times the residual of Γ of the tick before, have rows of friction."""
-SEARCHED = 2
-"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 
 
 @jit
@@ -91,32 +59,22 @@ def _measure_edges(method: World) -> None:
     """Measure the edges of pairs in which two bodies meet, after their other distances."""
     world, options = method.world[0], method.options
     problem = world.problem
-    for p in range(hand_count(problem), pair_count(problem)):
-        each, other, number = method.states[p], other_in(problem, p), problem.body[p]
+    for p in range(problem.hands, problem.pairs):
+        each, other, number = method.states[p], problem.other[p], problem.body[p]
         # Each two bodies meet in two pairs: their edges once.
         if not 0 <= other < number or each.modelled[PALM_BODY] == 0:
             continue
         needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
         far = options.margin + options.skin
-        measure_edges(
-            method.movers[hand_count(problem) + other],
-            method.edges[other],
-            method.edges[number],
-            world.bodies[number].center[:],
-            each.pose,
-            needed,
-            far,
-            each.candidates,
-            method.edge_pairs[p],
-            problem.scratch[:],
-        )
+        mover, edges, others = method.movers[problem.hands + other], method.edges[other], method.edges[number]
+        measure_edges(mover, edges, others, world.bodies[number].center[:], needed, far, each, method.edge_pairs[p])
 
 
 @jit
 def _record_edges(method: World, p: int) -> None:
     """Add a pair's edges within reach to its contact records, if two bodies meet in it."""
     each, problem = method.states[p], method.world[0].problem
-    other, number = other_in(problem, p), problem.body[p]
+    other, number = problem.other[p], problem.body[p]
     if 0 <= other < number and each.modelled[PALM_BODY] == 1:
         record_edges(
             method.edges[number], min(each.trust.reach, each.trust.radius), method.edge_pairs[p], each.contacts
@@ -128,7 +86,7 @@ def _place_pairs(method: World) -> None:
     """Place what moves in each pair but the first ones where it is: there it was moved along, step by step."""
     world = method.world[0]
     problem, bodies, scratch = world.problem, world.bodies, world.problem.scratch
-    for p in range(hand_count(problem), pair_count(problem)):
+    for p in range(problem.hands, problem.pairs):
         each, other = method.states[p], problem.other[p]
         pose = each.pose
         if other >= 0:
@@ -146,22 +104,11 @@ def _place_pairs(method: World) -> None:
 
 
 @jit
-def _find_turns(problem: Record, bodies: Record) -> None:
-    """Find how the frame of the first body is turned to that of each pair's."""
-    base = bodies[0].rotation
-    for p in range(hand_count(problem), pair_count(problem)):
-        own = bodies[problem.body[p]].rotation
-        for j in range(3):
-            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
-            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
-
-
-@jit
 def _measure_table(method: World) -> tuple[float, int, int]:
     """Compute the distance [m] of bodies and table; also returns the lowest body, and its lowest point."""
     world = method.world[0]
     least, number, lowest = np.inf, as_int64(0), as_int64(-1)
-    for k in range(body_count(world.problem)):
+    for k in range(world.problem.bodies):
         body = world.bodies[k]
         body.measured_distance = np.inf
         if body.has_table == 1:
@@ -173,28 +120,16 @@ def _measure_table(method: World) -> tuple[float, int, int]:
 
 
 @jit
-def _take_hands(method: World) -> None:
-    """Take the user's hands, which are the world's at the start of a tick."""
-    world = method.world[0]
-    measure_user_motions(method.states, world)
-    for h in range(hand_count(world.problem)):
-        each = method.states[h]
-        if each.input.is_valid:
-            copy_values(each.haptic.position[:], world.palm_position[h])
-            copy_values(each.haptic.orientation[:], world.palm_orientation[h])
-
-
-@jit
 def _begin(method: World) -> None:
     """Let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem
     _place_pairs(method)
-    begin_joints(method.states, world.bodies, problem)
-    for p in range(1, pair_count(problem)):
+    begin_joints(method.states, world)
+    for p in range(1, problem.pairs):
         begin_tick(method.options, method.states[p])
     begin_bounds(method.options, method.states, world)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         predict(world.bodies[k])
         keep_body(world.bodies[k])
     variables = variable_count(problem)
@@ -211,7 +146,7 @@ def _begin(method: World) -> None:
 def _see_hands(method: World) -> None:
     """Take the user's hands to the frame of the first body."""
     world = method.world[0]
-    for h in range(hand_count(world.problem)):
+    for h in range(world.problem.hands):
         haptic = method.states[h].haptic
         place, turn = world.palm_position[h], world.palm_orientation[h]
         see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
@@ -219,12 +154,17 @@ def _see_hands(method: World) -> None:
 
 @jit
 def _aim(method: World) -> None:
-    """Find where hands and bodies want to go from where they are."""
+    """Find where hands and bodies want to go, and how the frame of the first body is turned to that of each pair's."""
     world = method.world[0]
     problem, bodies = world.problem, world.bodies
-    _find_turns(problem, bodies)
+    base = bodies[0].rotation
+    for p in range(problem.hands, problem.pairs):
+        own = bodies[problem.body[p]].rotation
+        for j in range(3):
+            x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
+            problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
     _see_hands(method)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
 
@@ -233,13 +173,13 @@ def _aim(method: World) -> None:
 def _write_columns(method: World) -> int:
     """Write the bodies' columns, and find the contacts with friction or the table; return how many rows these add."""
     world, state, options = method.world[0], method.states[0], method.options
-    problem, bodies, contacts, friction = world.problem, world.bodies, state.contacts, world.friction
-    object_columns(method.states, bodies, contacts, problem)
+    problem, bodies, friction = world.problem, world.bodies, world.friction
+    object_columns(method.states, world)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
-    close = CLOSE * options.offset + FLOATS * world.borne.residual
-    find_frictions(bodies, contacts, problem, close, friction)
+    close = CLOSE * options.offset + FLOATS * world.borne[world.accepted].residual
+    find_frictions(world, state.contacts, close)
     joints = as_int64(0)
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         joints += 1 if has_joint_rows(bodies[k]) else 0
         alone = problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF]
         find_table_contacts(bodies[k], k, method.supports[k], options.margin, close, alone, friction)
@@ -250,7 +190,7 @@ def _write_columns(method: World) -> int:
         step, abduction = problem.total[:], problem.abduction_total[:]
     # Directions that went on turning would give each program another one, and the tick no end.
     turns = as_bool(programs < SEARCHED)
-    begin_frictions(method.states, bodies, step, abduction, problem, world.held, turns, friction)
+    begin_frictions(method.states, world, step, abduction, turns)
     return as_int64(friction.count - friction.of_hand + joints)
 
 
@@ -259,36 +199,27 @@ def _clip(method: World, off: float) -> None:
     """Take a share of the bodies' steps off their targets."""
     world = method.world[0]
     problem = world.problem
-    for k in range(body_count(problem)):
-        body, column = world.bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, column = world.bodies[k], problem.column[k]
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
 
 
 @jit
-def solve_with_bodies(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
-    """Solve a program of hands and bodies, see `solve_free`; returns a status of `kernels.qp.active_set`."""
-    world, rounds = method.world[0], as_int64(1)
-    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
-        rounds = begin_search(world.coulomb)
-    return as_int64(solve_free(method.options, method.states, world, rounds, clipped, qp))
-
-
-@jit
 def _bear(method: World, fraction: float) -> None:
     """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
-    world, states = method.world[0], method.states
+    world = method.world[0]
     problem, total, delta = world.problem, world.problem.total, world.problem.delta
-    for k in range(body_count(problem)):
-        body, j = world.bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, j = world.bodies[k], problem.column[k]
         if body.joint > 0:
             body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
     for j in range(variable_count(problem)):
         total[j] += fraction * delta[j]
-    for f in range(FINGER_COUNT * hand_count(problem)):
+    for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(states, world.bodies, states[0].contacts, problem, world.friction, world.loaded, world.tried)
+    find_borne(method.states, world)
 
 
 @jit
@@ -297,18 +228,18 @@ def _move(method: World, fraction: float) -> None:
     world = method.world[0]
     problem, bodies = world.problem, world.bodies
     # What comes next in the tick is added to it in the frame of each body as it then stands.
-    first = body_column(problem, as_int64(0))
-    for h in range(hand_count(problem)):
-        palm = palm_column(problem, h)
+    first = problem.column[0]
+    for h in range(problem.hands):
+        palm = problem.palm[h]
         for j in (palm, palm + 3):
             turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
-    for k in range(body_count(problem)):
-        j = body_column(problem, k)
+    for k in range(problem.bodies):
+        j = problem.column[k]
         turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
     if 0.0 < fraction < 1.0:
         take_steps(method.states, bodies, fraction, problem)
-    for k in range(body_count(problem)):
-        j = body_column(problem, k)
+    for k in range(problem.bodies):
+        j = problem.column[k]
         move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
 
 
@@ -316,20 +247,20 @@ def _move(method: World, fraction: float) -> None:
 def _keep(world: Record) -> None:
     """Keep the bodies' poses, and what bears them, as those of an accepted step."""
     problem = world.problem
-    for k in range(body_count(problem)):
+    for k in range(problem.bodies):
         keep_body(world.bodies[k])
         world.bodies[k].table_distance = world.bodies[k].measured_distance
     variables = variable_count(problem)
     copy_values(problem.total[:variables], world.safe_total[:variables])
     copy_values(problem.abduction_total[:], world.safe_abduction[:])
-    world.tried.residual = problem.gamma_error
-    copy_borne(body_count(problem), world.tried, world.borne)
+    world.accepted = 1 - world.accepted
+    world.borne[world.accepted].residual = problem.gamma_error
 
 
 @jit
 def _take_back(world: Record) -> None:
     """Return to the bodies' last poses without penetration."""
-    for k in range(body_count(world.problem)):
+    for k in range(world.problem.bodies):
         take_body_back(world.bodies[k])
     variables = variable_count(world.problem)
     copy_values(world.safe_total[:variables], world.problem.total[:variables])
@@ -340,14 +271,17 @@ def _take_back(world: Record) -> None:
 def _damp(method: World, state: Record) -> float:
     """Damp hands that are beyond their bound; 1 if the program is then to be solved anew from the safe poses."""
     world, options = method.world[0], method.options
-    ratio = beyond_bound(options, method.states, world)
+    ratio = beyond_bound(method.states, world)
     can_raise = world.raises < MOST_RAISES and world.damping < MOST_DAMPING
     programs, progress = state.work[WORK_LINEARISATIONS], state.progress
     # A tick that ended without a step would stop the bodies.
     left, needed = options.linearisations - programs, 2 if progress.is_accepted else programs - progress.restarted
     if ratio <= 1.0 or not can_raise or left < needed:
         return 0.0
-    raise_damping(ratio, method.states, world)
+    # A motion of so many bounds becomes shorter than the bound.
+    factor = max(LEAST_RAISE, ratio / AIMED)
+    damp(method.states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
+    world.raises += 1
     progress.restarted = programs
     return 1.0
 
@@ -356,9 +290,9 @@ def _damp(method: World, state: Record) -> float:
 def _end(method: World) -> None:
     """Take the bodies' velocities, or let nothing bear them where no step was accepted."""
     world = method.world[0]
-    bodies = body_count(world.problem)
+    bodies = world.problem.bodies
     if not method.states[0].progress.is_accepted:
-        clear_borne(bodies, world.borne)
+        clear_borne(bodies, world.borne[world.accepted])
         return
     for k in range(bodies):
         take_velocity(world.bodies[k])
@@ -372,59 +306,59 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     """
     world, state, p = method.world[0], method.states[0], as_int64(int(value))
     problem = world.problem
-    if asked == TAKE:
-        _take_hands(method)
-    elif asked == BEGIN:
+    if asked == STAGE.TAKE:
+        take_hands(method.states, world)
+    elif asked == STAGE.BEGIN:
         _begin(method)
-    elif asked == PLACE:
+    elif asked == STAGE.PLACE:
         _place_pairs(method)
         _measure_table(method)
-        for k in range(body_count(problem)):
+        for k in range(problem.bodies):
             world.bodies[k].table_distance = world.bodies[k].measured_distance
-    elif asked == EDGES:
+    elif asked == STAGE.EDGES:
         _measure_edges(method)
-    elif asked == AIM:
+    elif asked == STAGE.AIM:
         _aim(method)
-    elif asked == CONTACTS:
+    elif asked == STAGE.CONTACTS:
         _record_edges(method, p)
-    elif asked == LOWEST:
+    elif asked == STAGE.LOWEST:
         keep_lowest(method.states[p].contacts, method.states[p].open_distance[:], world.friction)
-    elif asked == COLUMNS:
+    elif asked == STAGE.COLUMNS:
         return float(_write_columns(method))
-    elif asked == REWRITE:
-        object_columns(method.states, world.bodies, state.contacts, problem)
-    elif asked == CLIP:
+    elif asked == STAGE.REWRITE:
+        object_columns(method.states, world)
+    elif asked == STAGE.CLIP:
         _clip(method, value)
-    elif asked == SHIFTS:
+    elif asked == STAGE.SHIFTS:
         clip_shifts(value, world.friction)
-    elif asked == STEPS:
+    elif asked == STAGE.STEPS:
         take_steps(method.states, world.bodies, 1.0, problem)
-    elif asked == BEAR:
+    elif asked == STAGE.BEAR:
         _bear(method, value)
-    elif asked == MOVE:
+    elif asked == STAGE.MOVE:
         _move(method, value)
-    elif asked == TABLE:
+    elif asked == STAGE.TABLE:
         table, number, lowest = _measure_table(method)
         if table < 0.0:
             keep_entry(number, lowest, world.friction)
         return table
-    elif asked == DAMP:
+    elif asked == STAGE.DAMP:
         return _damp(method, state)
-    elif asked == KEEP:
+    elif asked == STAGE.KEEP:
         _keep(world)
-    elif asked == HOLD:
-        return 1.0 if joints_hold(method.states, world.bodies, problem) else 0.0
-    elif asked == BACK:
+    elif asked == STAGE.HOLD:
+        return 1.0 if joints_hold(method.states, world) else 0.0
+    elif asked == STAGE.BACK:
         _take_back(world)
-    elif asked == SEE:
+    elif asked == STAGE.SEE:
         _see_hands(method)
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             update_kinematics(mover_of(method, h), method.states[h].haptic)
-    elif asked == SNAP:
+    elif asked == STAGE.SNAP:
         mark_snap(method.states[p], world)
-    elif asked == END:
+    elif asked == STAGE.END:
         _end(method)
-    elif asked == TURN:
-        for h in range(hand_count(problem)):
+    elif asked == STAGE.TURN:
+        for h in range(problem.hands):
             turn_loads(world.bodies[0], method.states[h].active)
     return 0.0

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.contact.linearise import LIMIT_ROWS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, Triple, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.world.body import SLIDER
@@ -32,24 +32,6 @@ KINDS = 8
 
 
 @jit_inline
-def hand_count(problem: Record) -> int:
-    """Return the number of hands."""
-    return problem.hands
-
-
-@jit_inline
-def body_count(problem: Record) -> int:
-    """Return the number of bodies."""
-    return problem.bodies
-
-
-@jit_inline
-def pair_count(problem: Record) -> int:
-    """Return the number of pairs: each hand and each body, and bodies that may meet or are joined."""
-    return problem.pairs
-
-
-@jit_inline
 def common_count(problem: Record) -> int:
     """Return the number of columns that all rows have: of palms and bodies, then of slack variables."""
     return problem.width + problem.slacks
@@ -58,18 +40,7 @@ def common_count(problem: Record) -> int:
 @jit_inline
 def variable_count(problem: Record) -> int:
     """Return the number of the program's variables."""
-    return first_finger(problem, hand_count(problem))
-
-
-@jit_inline
-def other_in(problem: Record, pair: int) -> int:
-    """Return the body that meets a pair's body; -1 where it is a hand."""
-    return problem.other[pair]
-
-
-@jit_inline
-def _pair_of(problem: Record, of: int) -> int:
-    return of // BODY_COUNT
+    return first_finger(problem, problem.hands)
 
 
 @jit_inline
@@ -85,18 +56,6 @@ def other_of(problem: Record, of: int) -> int:
 
 
 @jit_inline
-def palm_column(problem: Record, hand: int) -> int:
-    """Return the first variable of a palm."""
-    return problem.palm[hand]
-
-
-@jit_inline
-def body_column(problem: Record, number: int) -> int:
-    """Return the first variable of a body; behind all variables for a fixed one."""
-    return problem.column[number]
-
-
-@jit_inline
 def is_still(problem: Record) -> bool:
     """Return True where no body has variables."""
     return as_bool(problem.width == 6 * problem.hands)
@@ -108,12 +67,18 @@ def first_finger(problem: Record, hand: int) -> int:
     return common_count(problem) + PHALANX_COUNT * FINGER_COUNT * hand
 
 
+@jit_inline
+def hand_column(problem: Record, hand: int, j: int) -> int:
+    """Return the program's variable that is variable j of a hand, 0 to 20: of its palm, then of its fingers."""
+    return problem.palm[hand] + j if j < 6 else first_finger(problem, hand) + j - 6
+
+
 @jit
 def own_columns(problem: Record, of: int) -> int:
     """Return the first variable of the finger of a hand body; -1 for a palm, a body and the table."""
     if of < 0:
         return -1
-    pair = _pair_of(problem, of)
+    pair = of // BODY_COUNT
     body = of - BODY_COUNT * pair
     if body >= PALM_BODY:
         return -1
@@ -121,18 +86,19 @@ def own_columns(problem: Record, of: int) -> int:
 
 
 @jit
-def coefficient(bodies: Record, problem: Record, of: int) -> float:
+def coefficient(world: Record, of: int) -> float:
     """μ of a contact."""
-    body, other = bodies[body_of(problem, of)], other_of(problem, of)
+    body, other = world.bodies[body_of(world.problem, of)], other_of(world.problem, of)
     if other >= 0:
-        return math.sqrt(body.table_friction * bodies[other].table_friction)
+        return math.sqrt(body.table_friction * world.bodies[other].table_friction)
     return body.table_friction if of < 0 else body.friction
 
 
 @jit
-def torsion_radius(bodies: Record, problem: Record, of: int) -> float:
+def torsion_radius(world: Record, of: int) -> float:
     """γ of a contact [m]: what a hand's bears, and no other."""
-    return 0.0 if of < 0 or other_of(problem, of) >= 0 else bodies[body_of(problem, of)].torsion
+    is_hand = of >= 0 and other_of(world.problem, of) < 0
+    return world.bodies[body_of(world.problem, of)].torsion if is_hand else 0.0
 
 
 @jit
@@ -156,30 +122,6 @@ def _object_columns(start: int, stop: int, contacts: Record, body: Record, colum
         common[column + 5, i] = c0 * mx + c1 * my + c2 * mz
 
 
-@jit
-def _other_columns(
-    body: Record, pose: Record, column: int, row: int, p: Array, m: tuple[float, float, float], common: Array
-) -> None:
-    # Columns of the body that meets the contact's one, in whose frame its centre is at `pose`.
-    r, root = pose.rotation, body.inverse_root
-    rx, ry, rz = turned_back(r, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
-    mx, my, mz = turned_back(r, m[0], m[1], m[2])
-    x, y, z = turned(body.axes, ry * mz - rz * my, rz * mx - rx * mz, rx * my - ry * mx)
-    common[column, row], common[column + 1, row], common[column + 2, row] = mx * root[0], my * root[1], mz * root[2]
-    common[column + 3, row], common[column + 4, row], common[column + 5, row] = x * root[3], y * root[4], z * root[5]
-
-
-@jit
-def _turn_other(
-    body: Record, pose: Record, column: int, row: int, w: tuple[float, float, float], common: Array
-) -> None:
-    # Add to a row of `_other_columns` that of the rotation along w.
-    x, y, z = turned_back(pose.rotation, w[0], w[1], w[2])
-    turn = turned(body.axes, x, y, z)
-    for j in range(3):
-        common[column + 3 + j, row] += turn[j] * body.inverse_root[3 + j]
-
-
 @jit_inline
 def _fold(body: Record, column: int, row: int, common: Array) -> None:
     # A slider has one column: that of its translation along the axis.
@@ -188,6 +130,25 @@ def _fold(body: Record, column: int, row: int, common: Array) -> None:
         x, y, z = common[column, row], common[column + 1, row], common[column + 2, row]
         common[column, row] = axis[0] * x + axis[1] * y + axis[2] * z
         common[column + 1, row] = common[column + 2, row] = 0.0
+
+
+@jit
+def _other_columns(
+    body: Record, pose: Record, column: int, row: int, p: Array, m: Triple, w: Triple, common: Array
+) -> None:
+    # Columns of the body that meets the contact's one, in whose frame its centre is at `pose`.
+    r, root = pose.rotation, body.inverse_root
+    rx, ry, rz = turned_back(r, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
+    mx, my, mz = turned_back(r, m[0], m[1], m[2])
+    x, y, z = turned(body.axes, ry * mz - rz * my, rz * mx - rx * mz, rx * my - ry * mx)
+    common[column, row], common[column + 1, row], common[column + 2, row] = mx * root[0], my * root[1], mz * root[2]
+    common[column + 3, row], common[column + 4, row], common[column + 5, row] = x * root[3], y * root[4], z * root[5]
+    if w[0] != 0.0 or w[1] != 0.0 or w[2] != 0.0:
+        x, y, z = turned_back(r, w[0], w[1], w[2])
+        turn = turned(body.axes, x, y, z)
+        for j in range(3):
+            common[column + 3 + j, row] += turn[j] * root[3 + j]
+    _fold(body, column, row, common)
 
 
 @jit_inline
@@ -216,15 +177,22 @@ def wide_rows(problem: Record) -> Rows:
     )
 
 
+@jit_inline
+def name_row(problem: Record, row: int, key: int, owner: int, kind: int) -> int:
+    """Name a row by its key, its place among the contacts with friction or -1, and its kind; return the one behind."""
+    problem.key[row], problem.owner[row], problem.kind[row] = key, owner, kind
+    return row + 1
+
+
 @jit
 def name_rows(contacts: Record, problem: Record) -> None:
     """Name the normal rows of all contacts and the joint limits by keys, and clear their columns but the palm's.
 
     `contacts` are those of the first pair, and behind its joint limits those of the others.
     """
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         first, last, alone = problem.first[p], problem.last[p], problem.other[p] < 0
-        palm, limits = palm_column(problem, problem.hand[p]), last + (LIMIT_ROWS if p < hand_count(problem) else 0)
+        palm, limits = problem.palm[problem.hand[p]], last + (LIMIT_ROWS if p < problem.hands else 0)
         for j in range(common_count(problem)):
             if not (alone and palm <= j < palm + 6):
                 for i in range(first, limits):
@@ -239,15 +207,15 @@ def name_rows(contacts: Record, problem: Record) -> None:
 
 
 @jit
-def object_columns(states: States, bodies: Record, contacts: Record, problem: Record) -> None:
+def object_columns(states: States, world: Record) -> None:
     """Write the bodies' columns of the rows that `name_rows` has named."""
-    common = problem.common
-    for p in range(pair_count(problem)):
+    bodies, problem, common, contacts = world.bodies, world.problem, world.problem.common, states[0].contacts
+    for p in range(problem.pairs):
         first, last, number = problem.first[p], problem.last[p], problem.body[p]
-        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
+        column, palm = problem.column[number], problem.palm[problem.hand[p]]
         body, other = bodies[number], problem.other[p]
         if other >= 0:
-            palm = body_column(problem, other)
+            palm = problem.column[other]
         _object_columns(first, last, contacts, body, column, common)
         for i in range(first, last):
             _fold(body, column, i, common)
@@ -255,22 +223,22 @@ def object_columns(states: States, bodies: Record, contacts: Record, problem: Re
                 n = contacts.normal[0, i], contacts.normal[1, i], contacts.normal[2, i]
                 point = problem.scratch
                 point[0], point[1], point[2] = contacts.point[0, i], contacts.point[1, i], contacts.point[2, i]
-                _other_columns(bodies[other], states[p].pose, palm, i, point[:], n, common)
-                _fold(bodies[other], palm, i, common)
+                _other_columns(bodies[other], states[p].pose, palm, i, point[:], n, (0.0, 0.0, 0.0), common)
             elif number > 0:
                 _turn_palm(problem.turn[p], i, palm, common)
 
 
 @jit
 def relative_motion(
-    states: States, bodies: Record, problem: Record, abduction_step: Array, step: Array, of: int, point: Array
+    states: States, world: Record, abduction_step: Array, step: Array, of: int, point: Array
 ) -> tuple[float, float, float, float, float, float]:
     """Compute displacement [m] and rotation [rad] of what meets a body, at a point of it; of the table, the body's own.
 
     They are relative to the contact's body, in its frame; the step is unscaled, in the program's order.
     """
+    bodies, problem = world.bodies, world.problem
     number = body_of(problem, of)
-    body, c = bodies[number], body_column(problem, number)
+    body, c = bodies[number], problem.column[number]
     px, py, pz = point[0], point[1], point[2]
     wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
     rx, ry, rz = px - body.center[0], py - body.center[1], pz - body.center[2]
@@ -279,11 +247,11 @@ def relative_motion(
     z = step[c + 2] + wx * ry - wy * rx
     if of < 0:
         return x, y, z, wx, wy, wz
-    pair, other = _pair_of(problem, of), other_of(problem, of)
+    pair, other = of // BODY_COUNT, other_of(problem, of)
     pose = states[pair].pose
     rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
     if other >= 0:
-        body, c = bodies[other], body_column(problem, other)
+        body, c = bodies[other], problem.column[other]
         ux, uy, uz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
         rx, ry, rz = turned_back(pose.rotation, rx, ry, rz)
         vx, vy, vz = step[c] + uy * rz - uz * ry, step[c + 1] + uz * rx - ux * rz, step[c + 2] + ux * ry - uy * rx
@@ -291,7 +259,7 @@ def relative_motion(
         ux, uy, uz = turned(pose.rotation, ux, uy, uz)
         return vx - x, vy - y, vz - z, ux - wx, uy - wy, uz - wz
     hand = problem.hand[pair]
-    palm, fingers = palm_column(problem, hand), first_finger(problem, hand)
+    palm, fingers = problem.palm[hand], first_finger(problem, hand)
     vx, vy, vz, ux, uy, uz = step[palm], step[palm + 1], step[palm + 2], step[palm + 3], step[palm + 4], step[palm + 5]
     if number > 0:
         vx, vy, vz = turned(problem.turn[pair], vx, vy, vz)
@@ -326,38 +294,26 @@ def relative_motion(
 
 
 @jit
-def write_row(
-    states: States,
-    bodies: Record,
-    problem: Record,
-    of: int,
-    row: int,
-    point: Array,
-    m: tuple[float, float, float],
-    w: tuple[float, float, float],
-    rhs: float,
-) -> None:
+def write_row(states: States, world: Record, of: int, row: int, point: Array, m: Triple, w: Triple, rhs: float) -> None:
     """Write a row for the displacement along m plus the rotation along w."""
+    bodies, problem = world.bodies, world.problem
     number, other = body_of(problem, of), other_of(problem, of)
-    body, column = bodies[number], body_column(problem, number)
+    body, column = bodies[number], problem.column[number]
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
     px, py, pz = point[0], point[1], point[2]
     mx, my, mz = m
     wx, wy, wz = w
     sign = 1.0 if of < 0 else -1.0
-    pair = _pair_of(problem, max(of, 0))
+    pair = max(of, 0) // BODY_COUNT
     hand, at = problem.hand[pair], of - BODY_COUNT * pair
     pose = states[pair].pose
     width = common_count(problem)
     for j in range(width):
         common[j, row] = 0.0
     if other >= 0:
-        _other_columns(bodies[other], pose, body_column(problem, other), row, point, m, common)
-        _fold(bodies[other], body_column(problem, other), row, common)
-        if wx != 0.0 or wy != 0.0 or wz != 0.0:
-            _turn_other(bodies[other], pose, body_column(problem, other), row, w, common)
+        _other_columns(bodies[other], pose, problem.column[other], row, point, m, w, common)
     elif of >= 0:
-        palm = palm_column(problem, hand)
+        palm = problem.palm[hand]
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
         translation, rotation = weight[0], weight[3]
         common[palm, row] = mx * translation

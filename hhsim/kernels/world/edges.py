@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.kernels.by_reference import by_reference
+from hhsim.kernels.contact.surface import write_contact
 from hhsim.kernels.hand.kinematics import BOX_CORNERS, PALM_BODY, HandArrays
-from hhsim.kernels.jit import Array, Record, as_int64, jit
+from hhsim.kernels.jit import Array, Record, Triple, as_int64, jit
 from hhsim.kernels.rotation import turned
 
 NEAR_EDGES = 2048
@@ -71,9 +72,7 @@ def _motion(mover: HandArrays, pose: Record, pairs: Record, keeps: bool) -> floa
 
 
 @jit
-def _between(
-    dx: float, dy: float, dz: float, e: tuple[float, float, float], g: Array, length: float, other_length: float
-) -> float:
+def _between(dx: float, dy: float, dz: float, e: Triple, g: Array, length: float, other_length: float) -> float:
     # Distance of two segments whose starts are (dx, dy, dz) apart, from the second one's to the first one's.
     ex, ey, ez = e
     b = ex * g[0] + ey * g[1] + ez * g[2]
@@ -122,11 +121,10 @@ def _gather(edges: Edges, others: Edges, center: Array, pose: Record, far: float
 
 
 @jit
-def _is_between(nx: float, ny: float, nz: float, e: tuple[float, float, float], first: Array, second: Array) -> bool:
+def _is_between(nx: float, ny: float, nz: float, e: Triple, first: Triple, second: Triple) -> bool:
     # Whether n, at right angles to e, lies between two other such vectors, or hardly beyond one.
     ex, ey, ez = e
-    ax, ay, az = first[0], first[1], first[2]
-    bx, by, bz = second[0], second[1], second[2]
+    (ax, ay, az), (bx, by, bz) = first, second
     whole = ex * (ay * bz - az * by) + ey * (az * bx - ax * bz) + ez * (ax * by - ay * bx)
     one = ex * (ay * nz - az * ny) + ey * (az * nx - ax * nz) + ez * (ax * ny - ay * nx)
     two = ex * (ny * bz - nz * by) + ey * (nz * bx - nx * bz) + ez * (nx * by - ny * bx)
@@ -137,7 +135,7 @@ def _is_between(nx: float, ny: float, nz: float, e: tuple[float, float, float], 
 
 
 @jit
-def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, pairs: Record, scratch: Array) -> float:
+def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, pairs: Record) -> float:
     i, j, r = pairs.one[at], pairs.two[at], pose.rotation
     ex, ey, ez = turned(r, edges.along[i, 0], edges.along[i, 1], edges.along[i, 2])
     gx, gy, gz = others.along[j, 0], others.along[j, 1], others.along[j, 2]
@@ -145,17 +143,15 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, 
     sine = math.sqrt(nx * nx + ny * ny + nz * nz)
     if sine < PARALLEL:
         return np.inf
-    one, two = others.normal[j, 0], others.normal[j, 1]
-    scale = 1.0 / sine
-    if nx * (one[0] + two[0]) + ny * (one[1] + two[1]) + nz * (one[2] + two[2]) < 0.0:
+    n, scale = others.normal[j], 1.0 / sine
+    if nx * (n[0, 0] + n[1, 0]) + ny * (n[0, 1] + n[1, 1]) + nz * (n[0, 2] + n[1, 2]) < 0.0:
         scale = -scale
     nx, ny, nz = scale * nx, scale * ny, scale * nz
-    if not _is_between(nx, ny, nz, (gx, gy, gz), one, two):
+    if not _is_between(nx, ny, nz, (gx, gy, gz), (n[0, 0], n[0, 1], n[0, 2]), (n[1, 0], n[1, 1], n[1, 2])):
         return np.inf
-    for k in range(2):
-        x, y, z = turned(r, edges.normal[i, k, 0], edges.normal[i, k, 1], edges.normal[i, k, 2])
-        scratch[3 * k], scratch[3 * k + 1], scratch[3 * k + 2] = x, y, z
-    if not _is_between(-nx, -ny, -nz, (ex, ey, ez), scratch[0:3], scratch[3:6]):
+    n = edges.normal[i]
+    one, two = turned(r, n[0, 0], n[0, 1], n[0, 2]), turned(r, n[1, 0], n[1, 1], n[1, 2])
+    if not _is_between(-nx, -ny, -nz, (ex, ey, ez), one, two):
         return np.inf
     x, y, z = turned(r, edges.start[i, 0], edges.start[i, 1], edges.start[i, 2])
     x, y, z = x + pose.position[0], y + pose.position[1], z + pose.position[2]
@@ -182,19 +178,18 @@ def measure_edges(
     edges: Edges,
     others: Edges,
     center: Array,
-    pose: Record,
     needed: float,
     far: float,
-    candidates: Record,
+    state: Record,
     pairs: Record,
-    scratch: Array,
 ) -> None:
-    """Compute the signed distances of the near pairs of edges, and take them into those of the candidates.
+    """Compute the signed distances of the near pairs of edges, and take them into those of the state's candidates.
 
-    `edges` are those of what moves, as a palm, at a pose with kinematics up to date; `others` those of the body whose
-    frame it is in, with its centre of mass there [m]. `candidates` were measured at this pose. Pairs up to `needed` [m]
-    are to be listed, and up to `far` are gathered. `scratch` has shape (6,).
+    `edges` are those of what moves, as a palm, at a pose at which these were measured; `others` those of the body whose
+    frame it is in, with its centre of mass there [m]. Pairs up to `needed` [m] are to be listed, and up to `far` are
+    gathered.
     """
+    pose, candidates = state.pose, state.candidates
     if edges.length.shape[0] == 0 or others.length.shape[0] == 0:
         return
     slack = pairs.gathered_slack - _motion(mover, pose, pairs, False)
@@ -204,7 +199,7 @@ def measure_edges(
         slack = pairs.gathered_slack
     least = np.inf
     for i in range(pairs.count):
-        pairs.distance[i] = _measure(edges, others, center, pose, i, pairs, scratch)
+        pairs.distance[i] = _measure(edges, others, center, pose, i, pairs)
         least = min(least, pairs.distance[i])
     candidates.nearest[PALM_BODY] = min(candidates.nearest[PALM_BODY], least)
     candidates.slack[PALM_BODY] = min(candidates.slack[PALM_BODY], slack)
@@ -216,15 +211,10 @@ def record_edges(others: Edges, margin: float, pairs: Record, contacts: Record) 
     row = contacts.start[1]
     for i in range(pairs.count):
         if pairs.distance[i] <= margin and row < contacts.key.shape[0]:
+            p, n, key = pairs.point[i], pairs.normal[i], pairs.one[i] * others.length.shape[0] + pairs.two[i]
+            point, normal = (p[0], p[1], p[2]), (n[0], n[1], n[2])
+            write_contact(contacts, row, point, normal, pairs.distance[i], (0.0, 0.0), EDGE_KEY + key)
             contacts.body[row] = PALM_BODY
-            contacts.key[row] = EDGE_KEY + pairs.one[i] * others.length.shape[0] + pairs.two[i]
-            contacts.distance[row] = pairs.distance[i]
-            contacts.hand_radius[row] = contacts.object_radius[row] = 0.0
-            contacts.slides[row] = 0
-            for j in range(3):
-                contacts.point[j, row] = pairs.point[i, j]
-                contacts.normal[j, row] = pairs.normal[i, j]
-                contacts.straight[j, row] = 0.0
             row += 1
     for owner in range(1, contacts.start.shape[0]):
         contacts.start[owner] = row

@@ -1,13 +1,10 @@
 """Friction of a program: its directions at each contact, and the slip that it is balanced against.
 
-Directions of friction of the contacts of a program: against load and slip, by the least friction that suffices.
-
-Slip of each contact: Newton's method for the Γ of de Saxcé's correction.
-
-Γ, which the rows of friction of a contact are given, is to be |s| of the solution, where it bears a force; here it is
-to be |s| - φ, with φ what a contact may float, and 0 where it slips by less. While the same rows bear it, the solution
-is linear in the Γ of all contacts: with N the normals of these rows, Nᵀ = Qᵀ R, and E which of them are of which
-contact's friction, dx = -Qᵀ R⁻ᵀ E dΓ and dλ = -R⁻¹ R⁻ᵀ E dΓ. So
+Directions are against load and slip, by the least friction that suffices. Γ of de Saxcé's correction, which the rows of
+friction of a contact are given, is to be |s| of the solution, where it bears a force; here it is to be |s| - φ, with φ
+what a contact may float, and 0 where it slips by less. While the same rows bear it, the solution is linear in the Γ of
+all contacts: with N the normals of these rows, Nᵀ = Qᵀ R, and E which of them are of which contact's friction,
+dx = -Qᵀ R⁻ᵀ E dΓ and dλ = -R⁻¹ R⁻ᵀ E dΓ. So
 
     (I - D) dΓ = |s| - φ - Γ,     D_ij = d|s_i| / dΓ_j,
 
@@ -56,19 +53,19 @@ def leanings_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
 
 
 @jit
-def _opposite(bodies: Record, problem: Record, friction: Record, i: int) -> int:
+def _opposite(world: Record, i: int) -> int:
     # How many rows behind that of e_k the row of its opposite is.
-    return DIRECTIONS if torsion_radius(bodies, problem, friction.body[i]) > 0.0 else DIRECTIONS - 1
+    return DIRECTIONS if torsion_radius(world, world.friction.body[i]) > 0.0 else DIRECTIONS - 1
 
 
 @jit
-def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record) -> None:
+def _take_apart(world: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
-    common, own = problem.common, problem.block
-    width = common_count(problem)
+    friction, work, common, own = world.friction, world.leanings, world.problem.common, world.problem.block
+    width = common_count(world.problem)
     for c in range(friction.bearings):
         i = friction.bearing[c]
-        first, apart = friction.row[i], _opposite(bodies, problem, friction, i)
+        first, apart = friction.row[i], _opposite(world, i)
         for e in range(PARTS):
             part = work.part[c, e]
             row = first + max(e - 1, 0)
@@ -80,8 +77,9 @@ def _take_apart(bodies: Record, problem: Record, friction: Record, work: Record)
 
 
 @jit
-def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Record, work: Record) -> None:
+def _spread_evenly(world: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
+    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.leanings
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
     width, dof = common_count(problem), variable_count(problem)
     for a in range(dof):
@@ -103,7 +101,7 @@ def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Re
     for c in range(friction.bearings):
         i = friction.bearing[c]
         block = own_columns(problem, friction.body[i])
-        for e in range(1 + _opposite(bodies, problem, friction, i)):
+        for e in range(1 + _opposite(world, i)):
             part = work.part[c, e]
             for a in range(width):
                 trace += part[a] * part[a]
@@ -135,9 +133,9 @@ def _spread_evenly(bodies: Record, problem: Record, friction: Record, loaded: Re
 
 
 @jit
-def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record) -> None:
-    lean, y, width = work.wanted[i], work.even, common_count(problem)
-    block = own_columns(problem, friction.body[i])
+def _add_evenly(c: int, i: int, world: Record) -> None:
+    friction, work, width = world.friction, world.leanings, common_count(world.problem)
+    lean, y, block = work.wanted[i], work.even, own_columns(world.problem, friction.body[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]
         size = 0.0
@@ -152,9 +150,7 @@ def _add_evenly(c: int, i: int, problem: Record, friction: Record, work: Record)
 
 
 @jit
-def find_leanings(
-    bodies: Record, floats: float, problem: Record, friction: Record, loaded: Record, work: Record
-) -> None:
+def find_leanings(floats: float, world: Record) -> None:
     """Find which way the contacts that rub are to rub next, shape (contacts, 4): along the surface, about the normal.
 
     That is the friction that a contact bears, and what its slip would add to it were it held [N]; for one that bears
@@ -162,8 +158,8 @@ def find_leanings(
     more than a contact may float [m], can bear anything against each other; they lean to the least of it, since what is
     beyond takes from their cones.
     """
-    wanted = work.wanted
-    even = False
+    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.leanings
+    wanted, even = work.wanted, False
     for i in range(friction.count):
         for j in range(3):
             wanted[i, j] = friction.slip[i, j]
@@ -174,9 +170,9 @@ def find_leanings(
         slides = slides or friction.length[i] > TINY
         even = even or TINY < friction.length[i] <= floats
     if slides:
-        _take_apart(bodies, problem, friction, work)
+        _take_apart(world)
     if even:
-        _spread_evenly(bodies, problem, friction, loaded, work)
+        _spread_evenly(world)
     for c in range(friction.bearings):
         i = friction.bearing[c]
         if friction.length[i] <= TINY:
@@ -191,7 +187,7 @@ def find_leanings(
         for j in range(4):
             wanted[i, j] *= stiffness
         if friction.length[i] <= floats:
-            _add_evenly(c, i, problem, friction, work)
+            _add_evenly(c, i, world)
     for k in range(loaded.count):
         row = loaded.row[k]
         i, kind = problem.owner[row], problem.kind[row]
@@ -204,20 +200,12 @@ def find_leanings(
         wanted[i, 3] += size * friction.about[i, e]
 
 
-@jit
-def turn_contacts(friction: Record, work: Record) -> None:
-    """Turn the directions of the contacts that bear a force as they lean."""
-    wanted = work.wanted
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
-        if friction.length[i] > TINY:
-            orient(friction, i, wanted[i, 0], wanted[i, 1], wanted[i, 2], wanted[i, 3])
-
-
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
 FLAT = 1e-3
 """A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
+MOST_WAIT = 3
+"""After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 
 
 def coulomb_dtype(dof: int, frictions: int) -> "np.dtype[Any]":
@@ -273,9 +261,8 @@ def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> 
 
 
 @jit
-def _fill_system(
-    states: States, bodies: Record, floats: float, problem: Record, friction: Record, work: Record
-) -> None:
+def _fill_system(floats: float, states: States, world: Record) -> None:
+    problem, friction, work = world.problem, world.friction, world.coulomb
     common, own = problem.common, problem.block
     scratch = as_int64(common.shape[1] - 1)
     count = friction.bearings
@@ -292,10 +279,10 @@ def _fill_system(
         x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
         spin = scale * friction.spin[i]
         of, n = friction.body[i], friction.normal[i]
-        mu, w = coefficient(bodies, problem, of), torsion_radius(bodies, problem, of) * spin
+        mu, w = coefficient(world, of), torsion_radius(world, of) * spin
         point = friction.point[i]
         turn = (w * n[0], w * n[1], w * n[2])
-        write_row(states, bodies, problem, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
+        write_row(states, world, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
         block = own_columns(problem, of)
         for c in range(count):
             moved = work.moved[c]
@@ -345,16 +332,31 @@ def _solve_system(count: int, work: Record) -> None:
 
 
 @jit
-def foresee_slips(
-    states: States, bodies: Record, floats: float, problem: Record, friction: Record, qp: QpWork, work: Record
-) -> None:
-    """Set Γ of the contacts that bear a force to their slip less what a contact may float [m]."""
-    _find_moved(friction, problem, qp, work)
-    _fill_system(states, bodies, floats, problem, friction, work)
+def next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None:
+    """Set Γ of the contacts that bear a force to their slip less what a contact may float [m], and turn them to it.
+
+    Γ and e_1 of all contacts, and which rows are loaded, are kept for `end_search`.
+    """
+    friction, loaded, work = world.friction, world.loaded, world.coulomb
+    for i in range(friction.count):
+        work.shift[i] = friction.shift[i]
+        work.about[i] = friction.about[i, 0]
+        for j in range(3):
+            work.along[i, j] = friction.along[i, 0, j]
+    work.rows = loaded.count
+    for j in range(loaded.count):
+        work.row[j] = loaded.row[j]
+    _find_moved(friction, world.problem, qp, work)
+    _fill_system(floats, states, world)
     _solve_system(friction.bearings, work)
     for c in range(friction.bearings):
         i = friction.bearing[c]
         friction.shift[i] = max(0.0, friction.shift[i] + work.rhs[c])
+    find_leanings(floats, world)
+    for c in range(friction.bearings):
+        i, lean = friction.bearing[c], world.leanings.wanted[friction.bearing[c]]
+        if friction.length[i] > TINY:
+            orient(friction, i, lean[0], lean[1], lean[2], lean[3])
 
 
 @jit
@@ -397,21 +399,8 @@ def lower_slips(floats: float, backs: float, problem: Record, friction: Record, 
 
 
 @jit
-def keep_slips(friction: Record, loaded: Record, work: Record) -> None:
-    """Keep Γ and e_1 of all contacts, and which rows are loaded."""
-    for i in range(friction.count):
-        work.shift[i] = friction.shift[i]
-        work.about[i] = friction.about[i, 0]
-        for j in range(3):
-            work.along[i, j] = friction.along[i, 0, j]
-    work.rows = loaded.count
-    for j in range(loaded.count):
-        work.row[j] = loaded.row[j]
-
-
-@jit
-def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
-    """Return to what was kept."""
+def end_search(friction: Record, loaded: Record, work: Record) -> None:
+    """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
     for i in range(friction.count):
         if friction.has_friction[i] == 1:
             friction.shift[i] = work.shift[i]
@@ -419,3 +408,5 @@ def return_to_slips(friction: Record, loaded: Record, work: Record) -> None:
     loaded.count = work.rows
     for j in range(work.rows):
         loaded.row[j] = work.row[j]
+    work.failures = min(work.failures + 1, MOST_WAIT)
+    work.wait = 2**work.failures

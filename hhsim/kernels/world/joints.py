@@ -18,7 +18,7 @@ from hhsim.kernels.hand.kinematics import BODY_COUNT, PALM_BODY
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import rotation_vector_between, turned
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF, along_axis, joint_value
-from hhsim.kernels.world.columns import States, body_column, body_count, common_count, write_row
+from hhsim.kernels.world.columns import States, common_count, name_row, write_row
 
 SLACK = 4
 """Column of a jointed body's slack variable."""
@@ -39,15 +39,9 @@ SETTLED = 1e-6
 
 
 @jit
-def joint_column(body: Record) -> int:
-    """Return which of a jointed body's columns is δ."""
-    return as_int64(5 if body.joint == HINGE else 0)
-
-
-@jit
 def slack_column(body: Record, problem: Record, k: int) -> int:
     """Return the slack variable of the joint of body k."""
-    return as_int64(problem.width + k if body.pair_joint > 0 else body_column(problem, k) + SLACK)
+    return as_int64(problem.width + k if body.pair_joint > 0 else problem.column[k] + SLACK)
 
 
 @jit
@@ -102,11 +96,11 @@ def _since_begun(body: Record, value: float) -> float:
 
 
 @jit
-def begin_joints(states: States, bodies: Record, problem: Record) -> None:
+def begin_joints(states: States, world: Record) -> None:
     """Foresee how far joints move in the tick, and keep the values that those of two free bodies begin with."""
-    values = problem.scratch
-    for k in range(body_count(problem)):
-        body = bodies[k]
+    values = world.problem.scratch
+    for k in range(world.problem.bodies):
+        body = world.bodies[k]
         body.joint_made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
         if body.pair_joint > 0:
             pair_values(body, states[body.pair].pose, values[:])
@@ -116,8 +110,8 @@ def begin_joints(states: States, bodies: Record, problem: Record) -> None:
 
 
 @jit
-def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, problem: Record) -> int:
-    body = bodies[k]
+def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -> int:
+    body, problem = world.bodies[k], world.problem
     pose, axes, values, center = states[body.pair].pose, body.joint_axes, problem.scratch, body.vector
     pair_values(body, pose, values[:])
     of, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, free_value(body)
@@ -135,38 +129,37 @@ def _pair_rows(states: States, bodies: Record, k: int, relaxed: bool, row: int, 
         x, y, z = sign * e[0], sign * e[1], sign * e[2]
         rhs = -sign * _since_begun(body, values[i]) if of_friction else sign * (limit - values[i])
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
-        write_row(states, bodies, problem, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
+        write_row(states, world, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
         if of_friction:
             problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
             problem.rhs[row] = rhs
-        problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
-        problem.owner[row] = -1
-        problem.kind[row] = PAIR_KIND
-        row += 1
+        row = name_row(problem, row, JOINT_KEYS - PAIR_ROWS * k - r, as_int64(-1), as_int64(PAIR_KIND))
     return as_int64(row)
 
 
 @jit
-def joints_hold(states: States, bodies: Record, problem: Record) -> bool:
+def joints_hold(states: States, world: Record) -> bool:
     """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
     held = as_bool(True)
-    for k in range(body_count(problem)):
-        if bodies[k].pair_joint > 0:
-            held = held and pair_values(bodies[k], states[bodies[k].pair].pose, problem.scratch[:]) <= SETTLED
+    for k in range(world.problem.bodies):
+        body = world.bodies[k]
+        if body.pair_joint > 0:
+            held = held and pair_values(body, states[body.pair].pose, world.problem.scratch[:]) <= SETTLED
     return held
 
 
 @jit
-def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem: Record) -> int:
+def joint_rows(states: States, world: Record, relaxed: bool, row: int) -> int:
     """Write the rows of all joints from a row on, and return the one behind them."""
-    for k in range(body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    problem = world.problem
+    for k in range(problem.bodies):
+        body, column = world.bodies[k], problem.column[k]
         if body.pair_joint > 0:
-            row = _pair_rows(states, bodies, as_int64(k), relaxed, row, problem)
+            row = _pair_rows(states, world, as_int64(k), relaxed, row)
         if body.joint == 0 or not has_joint_rows(body):
             continue
         value, made = joint_value(body), along_axis(body, problem.total[column : column + OBJECT_DOF])
-        own = column + joint_column(body)
+        own = column + (5 if body.joint == HINGE else 0)
         for r in range(JOINT_ROWS):
             sign = 1.0 if r % 2 == 0 else -1.0
             of_friction = r >= JOINT_ROWS // 2
@@ -183,8 +176,5 @@ def joint_rows(states: States, bodies: Record, relaxed: bool, row: int, problem:
                 problem.rhs[row] = -sign * made
             else:
                 problem.rhs[row] = sign * (limit - value)
-            problem.key[row] = JOINT_KEYS - PAIR_ROWS * k - r
-            problem.owner[row] = -1
-            problem.kind[row] = 0
-            row += 1
+            row = name_row(problem, row, JOINT_KEYS - PAIR_ROWS * k - r, as_int64(-1), as_int64(0))
     return as_int64(row)

@@ -27,23 +27,9 @@ from hhsim.kernels.tick.step import (
     lap,
 )
 from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
-from hhsim.kernels.world.columns import first_finger, hand_count, is_still, name_rows, pair_count, palm_column
+from hhsim.kernels.world.columns import hand_column, is_still, name_rows
 from hhsim.kernels.world.meeting import part_targets, spread_fingers, take_spread
-from hhsim.kernels.world.pairs import (
-    AIM,
-    CLIP,
-    COLUMNS,
-    CONTACTS,
-    LOWEST,
-    REWRITE,
-    SHIFTS,
-    STEPS,
-    World,
-    ask_bodies,
-    damped_target,
-    mover_of,
-    surface_at,
-)
+from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, damped_target, mover_of, surface_at
 from hhsim.kernels.world.program import scale_target, solve_plain, take_hand_steps, take_targets
 from hhsim.kernels.world.rows import PAIR_KEYS, bends
 from hhsim.kernels.world.second_order import FLAT_PROGRAMS
@@ -55,20 +41,6 @@ UNITS_ROUND = 25_000
 
 
 @jit
-def _aim(method: World, h: int) -> None:
-    """Let a hand's target be its user's hand, or where it is where the world stays."""
-    world, each = method.world[0], method.states[h]
-    problem = world.problem
-    target = problem.hand_target[DOF * h : DOF * h + DOF]
-    abduction = problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT]
-    step_to_haptic(each, target, abduction)
-    if world.stays:
-        target[:] = 0.0
-        abduction[:] = 0.0
-    damped_target(world, h, as_int64(0), as_int64(6))
-
-
-@jit
 def _find_contacts(method: World, near: float, state: Record) -> int:
     """Find each pair's contacts and their rows, further pairs' behind the first one's limits; return how many or -1.
 
@@ -77,7 +49,7 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
     world = method.world[0]
     problem, joined = world.problem, state.contacts
     row, kept = as_int64(0), as_int64(0)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         each, arrays = method.states[p], mover_of(method, p)
         contacts = each.contacts
         if near > 0.0:
@@ -86,14 +58,14 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
         elif not find_program_contacts(arrays, surface_at(method, p), method.options, each):
             return as_int64(-1)
         if problem.other[p] >= 0:
-            ask_bodies(method, CONTACTS, float(p))
+            ask_bodies(method, STAGE.CONTACTS, float(p))
         world.found[p] = contacts.start[FINGER_COUNT + 1]
         # A row that may give in to a depth implies no other one.
         if near == 0.0 and not (world.stays and problem.slacks > 0):
             reach = min(each.trust.reach, each.trust.radius)
             drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:
-            ask_bodies(method, LOWEST, float(p))
+            ask_bodies(method, STAGE.LOWEST, float(p))
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
             return as_int64(-1)
@@ -105,7 +77,7 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
             for j in range(3):
                 joined.point[j, row + i] = contacts.point[j, i]
                 joined.normal[j, row + i] = contacts.normal[j, i]
-        row += count + (LIMIT_ROWS if p < hand_count(problem) else 0)
+        row += count + (LIMIT_ROWS if p < problem.hands else 0)
         kept += count
     return kept
 
@@ -124,9 +96,9 @@ def _write_contacts(method: World, state: Record) -> None:
 def write_other_pairs(method: World, state: Record) -> None:
     """Write the rows of all pairs but the first, as `_write_contacts`."""
     problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
-    for p in range(1, pair_count(problem)):
+    for p in range(1, problem.pairs):
         each, first, last = method.states[p], problem.first[p], problem.last[p]
-        own, palm = each.problem, palm_column(problem, problem.hand[p])
+        own, palm = each.problem, problem.palm[problem.hand[p]]
         if problem.other[p] >= 0:
             for i in range(last - first):
                 rhs = offset - each.contacts.distance[i]
@@ -137,7 +109,7 @@ def write_other_pairs(method: World, state: Record) -> None:
         for f in range(FINGER_COUNT):
             own.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
         build_rows(mover_of(method, p), each.pose, each.contacts, offset, relaxed, own)
-        for i in range(last - first + (LIMIT_ROWS if p < hand_count(problem) else 0)):
+        for i in range(last - first + (LIMIT_ROWS if p < problem.hands else 0)):
             for j in range(6):
                 problem.common[palm + j, first + i] = own.common[j, i]
             for j in range(PHALANX_COUNT):
@@ -149,7 +121,7 @@ def write_other_pairs(method: World, state: Record) -> None:
 def _aim_fingers(method: World, world: Record) -> None:
     """Let the targets of fingers that no row may bend be within the joints' limits, and all others the user's own."""
     problem = world.problem
-    for h in range(hand_count(problem) if world.hand_pairs.kept >= -DEEP and not world.stays else 0):
+    for h in range(problem.hands if world.hand_pairs.kept >= -DEEP and not world.stays else 0):
         each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):
@@ -167,12 +139,18 @@ def prepare(method: World, near: float, state: Record) -> int:
     """
     world = method.world[0]
     options, problem = method.options, world.problem
-    ask_bodies(method, AIM, 0.0)
+    ask_bodies(method, STAGE.AIM, 0.0)
     count = _find_contacts(method, near, state)
     if count < 0:
         return -1
-    for h in range(hand_count(problem)):
-        _aim(method, as_int64(h))
+    for h in range(problem.hands):
+        target = problem.hand_target[DOF * h : DOF * h + DOF]
+        abduction = problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT]
+        step_to_haptic(method.states[h], target, abduction)
+        if world.stays:
+            target[:] = 0.0
+            abduction[:] = 0.0
+        damped_target(world, as_int64(h), as_int64(0), as_int64(6))
     if world.hand_pairs.kept < -DEEP:
         part_targets(method.states, problem, world.hand_pairs.kept)
     spread_fingers(method.states, problem)
@@ -182,9 +160,9 @@ def prepare(method: World, near: float, state: Record) -> int:
     _aim_fingers(method, world)
     _write_contacts(method, state)
     name_rows(state.contacts, problem)
-    count += int(ask_bodies(method, COLUMNS, 0.0))
-    scale_target(world.bodies, problem)
-    for p in range(pair_count(problem) if near == 0.0 else 0):
+    count += int(ask_bodies(method, STAGE.COLUMNS, 0.0))
+    scale_target(world)
+    for p in range(problem.pairs if near == 0.0 else 0):
         each = method.states[p]
         given = mover_of(method, p), surface_at(method, p), options
         count_linearisation(*given, world.found[p], count, each)
@@ -201,7 +179,7 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     if ask_pairs(options.pairs, ADD, options.offset, 0.0) == 0.0:
         return False
     take_spread(method.states, problem)
-    for h in range(hand_count(problem) if is_still(problem) else 0):
+    for h in range(problem.hands if is_still(problem) else 0):
         work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].meeting.rows
         work[WORK_UNITS] += UNITS_ROUND
         work[WORK_ROWS] = max(work[WORK_ROWS], rows)
@@ -210,35 +188,32 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     problem.share = share
     if not clipped:
         _aim_fingers(method, world)
-        scale_target(world.bodies, problem)
+        scale_target(world)
     return True
 
 
 @jit
 def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    """Solve a program, and again with rows of hands' pairs that its step would bring together; return a status."""
-    status = _solve_program(method, count, clipped, state, qp)
+    """Solve a program, and again with rows of hands' pairs that its step would bring together; return a status.
+
+    Without rows, where `count` is 0, the step is that to the target.
+    """
+    world, status = method.world[0], as_int64(OPTIMAL)
+    if count > 0:
+        status = _solve_rows(method, clipped, state, qp)
+    else:
+        world.problem.dense_rows = 0
+        take_targets(world.problem)
+        world.loaded.count = 0
+        world.problem.gamma_error = 0.0
+        if is_still(world.problem):
+            take_hand_steps(method.states, world.problem)
+        ask_bodies(method, STAGE.STEPS, 0.0)
     for _ in range(ROUNDS):
         if status != OPTIMAL or not _add_rows(method, clipped, state):
             break
         status = _solve_rows(method, clipped, state, qp)
     return status
-
-
-@jit
-def _solve_program(method: World, count: int, clipped: bool, state: Record, qp: QpWork) -> int:
-    world = method.world[0]
-    problem = world.problem
-    if count == 0:
-        problem.dense_rows = 0
-        take_targets(problem)
-        world.loaded.count = 0
-        problem.gamma_error = 0.0
-        if is_still(problem):
-            take_hand_steps(method.states, problem)
-        ask_bodies(method, STEPS, 0.0)
-        return OPTIMAL
-    return _solve_rows(method, clipped, state, qp)
 
 
 @jit
@@ -256,7 +231,7 @@ def allowed_share(method: World) -> tuple[float, float]:
     """Compute the share of the step that all listed pairs allow, and how far the farthest mover goes in it [m]."""
     world = method.world[0]
     problem, fraction, longest = world.problem, 1.0, 0.0
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         each = method.states[p]
         for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
             each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
@@ -264,7 +239,7 @@ def allowed_share(method: World) -> tuple[float, float]:
         world.longest[p] = motion
         fraction, longest = min(fraction, share), max(longest, motion)
     radius = method.states[0].trust.radius
-    for h in range(1, hand_count(problem)):
+    for h in range(1, problem.hands):
         radius = min(radius, method.states[h].trust.radius)
     return min(fraction, ask_pairs(method.options.pairs, SHARE, 0.0, radius)), longest
 
@@ -284,7 +259,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     if still:
         # As one hand beside what stands still: one that has its clearance keeps it on any part of a step.
         away = np.inf
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             away = min(away, least_distance(method.states[h]))
         least = LEAST_SHARE if away >= CLEAR * method.options.offset else least
     if only_restore:
@@ -293,18 +268,17 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
         world.share, world.knows_share = fraction, True
         return WHOLE_TARGET, 1.0
     off = 1.0 - fraction
-    for h in range(hand_count(problem)):
-        palm, fingers = palm_column(problem, h), first_finger(problem, h)
+    for h in range(problem.hands):
         for j in range(DOF):
             # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step`).
-            made = problem.delta[palm + j if j < 6 else fingers - 6 + j]
+            made = problem.delta[hand_column(problem, h, j)]
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
-    ask_bodies(method, CLIP, off)
-    for f in range(FINGER_COUNT * hand_count(problem)):
+    ask_bodies(method, STAGE.CLIP, off)
+    for f in range(FINGER_COUNT * problem.hands):
         problem.abduction_step[f] *= fraction
     _write_anew(method, state)
-    scale_target(world.bodies, problem)
-    ask_bodies(method, SHIFTS, fraction)
+    scale_target(world)
+    ask_bodies(method, STAGE.SHIFTS, fraction)
     return longest, fraction
 
 
@@ -313,9 +287,9 @@ def _write_anew(method: World, state: Record) -> None:
     """Write the rows of contacts and limits once more."""
     world = method.world[0]
     _write_contacts(method, state)
-    if pair_count(world.problem) > hand_count(world.problem):
+    if world.problem.pairs > world.problem.hands:
         # What this writes anew has not been turned to the frame of the first body.
-        ask_bodies(method, REWRITE, 0.0)
+        ask_bodies(method, STAGE.REWRITE, 0.0)
 
 
 @jit
@@ -325,7 +299,7 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     Returns a status, and the motion of the step before its target was brought nearer [m], see `_clip_target`.
     """
     world, options = method.world[0], method.options
-    hands, world.curved, world.knows_share = hand_count(world.problem), world.unsettled or done > 0, False
+    hands, world.curved, world.knows_share = world.problem.hands, world.unsettled or done > 0, False
     for h in range(hands):
         meeting = method.states[h].meeting
         meeting.bends = options.pairs.bending != 0 and (world.unsettled or done >= FLAT_PROGRAMS or meeting.steep)

@@ -11,7 +11,7 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.kernels.world.columns import States, common_count, hand_count, palm_column
+from hhsim.kernels.world.columns import States, common_count, name_row
 
 MEETING_KEYS = -100
 """Keys of dense rows go down from here: below those of the fingers' limits, and above those of joints."""
@@ -34,7 +34,7 @@ def part_targets(states: States, problem: Record, kept: float) -> None:
 @jit
 def spread_fingers(states: States, problem: Record) -> None:
     """Give each hand its abduction step of the program."""
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         for f in range(FINGER_COUNT):
             states[h].problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * h + f]
 
@@ -42,7 +42,7 @@ def spread_fingers(states: States, problem: Record) -> None:
 @jit
 def take_spread(states: States, problem: Record) -> None:
     """Take each hand's abduction step, which its pairs may have reduced, to the program."""
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         for f in range(FINGER_COUNT):
             problem.abduction_step[FINGER_COUNT * h + f] = states[h].problem.abduction_step[f]
 
@@ -50,23 +50,20 @@ def take_spread(states: States, problem: Record) -> None:
 @jit
 def dense_rows(states: States, pairs: Record, offset: float, row: int, problem: Record) -> int:
     """Write the rows of pairs of hands' parts from a row on, and return the one behind them."""
-    hands, fingers, weight = hand_count(problem), PHALANX_COUNT * FINGER_COUNT, problem.inverse_root
+    hands, fingers, weight = problem.hands, PHALANX_COUNT * FINGER_COUNT, problem.inverse_root
     problem.dense_row, problem.dense_rows = row, pairs.count
     spread_fingers(states, problem)
     for i in range(pairs.count):
         for j in range(common_count(problem)):
             problem.common[j, row] = 0.0
         for h in range(hands):
-            palm = palm_column(problem, h)
+            palm = problem.palm[h]
             for j in range(6):
                 problem.common[palm + j, row] = pairs.gradient[i, h, j] * weight[j]
             for j in range(fingers):
                 problem.dense[i, fingers * h + j] = pairs.gradient[i, h, 6 + j] * weight[6 + j]
         problem.rhs[row] = row_rest(offset, states, hands, i, pairs)
-        problem.key[row] = MEETING_KEYS - i
-        problem.owner[row] = -1
-        problem.kind[row] = 0
-        row += 1
+        row = name_row(problem, row, MEETING_KEYS - i, as_int64(-1), as_int64(0))
     return as_int64(row)
 
 

@@ -1,15 +1,11 @@
 """Pairs of a world: arguments of its ticks, stages called by address, and bounds of the shown hands.
 
-Pairs of the world: what moves past which body, where both are, and how near.
-
 A hand is kept as each body sees it, and so is each body as another one sees it: as a palm without fingers, of spheres
 or points (`kernels.world.columns` says what a pair is).
 
-Bound of the shown hands' way in a tick beside bodies that move, kept by damping.
-
-Where nothing else moves, a hand that would go beyond its bound makes a share of its step (`keep_bound` of
-`kernels.tick.step`). A share of a step would hold back the bodies, too, as if they met something. So the hands
-are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
+Where nothing else moves, a hand that would go beyond the bound of its way in a tick makes a share of its step
+(`keep_bound` of `kernels.tick.step`). A share of a step would hold back the bodies, too, as if they met something. So
+the hands are damped instead: with q₀ where a hand stood at the start of the tick, the program's objective becomes
 
     ½ |q - user|²_G + ½ s |q - q₀|²_G,
 
@@ -17,6 +13,7 @@ and s, usually 0, is raised until no joint goes beyond the bound. Contact forces
 """
 
 import math
+from collections import namedtuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,16 +26,21 @@ from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, Hand
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
 from hhsim.kernels.machine_code import number_of_code
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between, turned
-from hhsim.kernels.tick.evaluation import evaluate_pose, rebuild_candidates
+from hhsim.kernels.tick.evaluation import evaluate_pose, forget_lists
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import IN_THE_AIR, snap_step
 from hhsim.kernels.world.body import Support
-from hhsim.kernels.world.columns import States, first_finger, hand_count, pair_count, palm_column
+from hhsim.kernels.world.columns import States, hand_column
 from hhsim.kernels.world.edges import Edges
 
-TAKE, BEGIN, PLACE, EDGES, AIM, CONTACTS, LOWEST, COLUMNS, REWRITE, CLIP, SHIFTS, STEPS = map(as_int64, range(12))
-BEAR, MOVE, TABLE, DAMP, KEEP, HOLD, BACK, SEE, SNAP, END, TURN = map(as_int64, range(12, 23))
+Stage = namedtuple(
+    "Stage",
+    "TAKE BEGIN PLACE EDGES AIM CONTACTS LOWEST COLUMNS REWRITE CLIP SHIFTS STEPS "
+    "BEAR MOVE TABLE DAMP KEEP HOLD BACK SEE SNAP END TURN",
+)
+STAGE = Stage(*map(as_int64, range(len(Stage._fields))))
 """What `ask_bodies` is asked to do."""
 
 
@@ -74,7 +76,7 @@ def mover_of(method: World, p: int) -> HandArrays:
     """Return the arrays of what moves in a pair: of a hand, or of a body as a palm without fingers."""
     problem = method.world[0].problem
     other = problem.other[p]
-    return method.movers[problem.hand[p] if other < 0 else hand_count(problem) + other]
+    return method.movers[problem.hand[p] if other < 0 else problem.hands + other]
 
 
 @jit_inline
@@ -87,27 +89,22 @@ def surface_at(method: World, p: int) -> SurfaceCode:
 def measure(method: World) -> bool:
     """Compute the distances of each pair; False where they do not fit into the arrays."""
     fits = True
-    for p in range(pair_count(method.world[0].problem)):
+    for p in range(method.world[0].problem.pairs):
         arrays, its = mover_of(method, p), surface_at(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
     ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
-    ask_bodies(method, EDGES, 0.0)
+    ask_bodies(method, STAGE.EDGES, 0.0)
     method.states[0].progress.pairs_overflow = not fits
     return fits
 
 
 @jit
-def rebuild(method: World, states: States) -> bool:
+def rebuild(method: World) -> bool:
     """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
-    world = method.world[0]
-    fits = True
-    ask_bodies(method, PLACE, 0.0)
-    for p in range(pair_count(world.problem)):
-        given = mover_of(method, p), surface_at(method, p), method.options
-        fits = rebuild_candidates(*given, states[p : p + 1]) and fits
-    ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
-    ask_bodies(method, EDGES, 0.0)
-    return fits
+    ask_bodies(method, STAGE.PLACE, 0.0)
+    for p in range(method.world[0].problem.pairs):
+        forget_lists(method.states[p])
+    return measure(method)
 
 
 MOST_RAISES = 5
@@ -150,17 +147,19 @@ def _carried(body: Record, joints: Array) -> float:
 
 
 @jit
-def measure_user_motions(states: States, world: Record) -> None:
-    """Compute how far each user's hand has moved since its last sample [m], before a tick begins.
+def take_hands(states: States, world: Record) -> None:
+    """Take the user's hands, which are the world's before a tick begins, and how far each has moved [m].
 
     The joints of the last sample are in the frame of the first body as it stands now, those of the newest in the world.
     """
-    for h in range(hand_count(world.problem)):
-        sample = states[h].input
+    for h in range(world.problem.hands):
+        sample, haptic = states[h].input, states[h].haptic
         sample.motion = 0.0
         if sample.is_valid:
             _to_world(world.bodies[0], sample.joints, world.joints)
-            sample.motion = farthest_joint(world.joints, states[h].haptic.joints)
+            sample.motion = farthest_joint(world.joints, haptic.joints)
+            copy_values(haptic.position[:], world.palm_position[h])
+            copy_values(haptic.orientation[:], world.palm_orientation[h])
 
 
 @jit
@@ -169,14 +168,14 @@ def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
 
     Where they lag for lack of work they follow later on: beside bodies that is no reason for a longer way.
     """
-    for h in range(hand_count(world.problem)):
+    for h in range(world.problem.hands):
         progress = states[h].progress
         _to_world(world.bodies[0], states[h].pose.joints, progress.start)
         progress.bound = snap_step(options, progress) + states[h].input.motion
     world.raises = 0
     if world.damping > 0.0:
         rows, damping = 0, KEPT * world.damping
-        for p in range(pair_count(world.problem)):
+        for p in range(world.problem.pairs):
             rows += world.problem.last[p] - world.problem.first[p] if world.problem.other[p] < 0 else 0
         damp(states, world, damping if rows > 0 and damping > LEAST_KEPT else 0.0)
 
@@ -188,7 +187,7 @@ def damp(states: States, world: Record, damping: float) -> None:
     world.damping = damping
     for j in range(DOF):
         problem.inverse_root[j] = 1.0 / math.sqrt((1.0 + damping) * states[0].stiffness[j])
-        for p in range(pair_count(problem)):
+        for p in range(problem.pairs):
             states[p].problem.inverse_root[j] = problem.inverse_root[j]
 
 
@@ -198,23 +197,23 @@ def damped_target(world: Record, h: int, first: int, stop: int) -> None:
     problem, damping = world.problem, world.damping
     if damping == 0.0:
         return
-    palm, fingers, target = palm_column(problem, h), first_finger(problem, h), problem.hand_target
+    target = problem.hand_target
     for j in range(first, stop):
-        made = problem.total[palm + j if j < 6 else fingers - 6 + j]
+        made = problem.total[hand_column(problem, h, j)]
         target[DOF * h + j] = (target[DOF * h + j] - damping * made) / (1.0 + damping)
 
 
 @jit_noinline
-def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
+def beyond_bound(states: States, world: Record) -> float:
     """Compute the largest ratio of a hand's motion in the tick to its bound; a hand with a ratio above 1 snaps.
 
     The bound includes the motion of the bodies at the hand. A hand without contacts has none, unless it snapped in the
     last tick.
     """
     problem, worst = world.problem, 0.0
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         each, carried, near = states[h], 0.0, as_bool(False)
-        for p in range(pair_count(problem)):
+        for p in range(problem.pairs):
             if problem.hand[p] != h or problem.other[p] >= 0:
                 continue
             near = near or problem.last[p] > problem.first[p] or each.meeting.rows > 0
@@ -232,14 +231,6 @@ def beyond_bound(options: TickOptions, states: States, world: Record) -> float:
             each.progress.snaps = True
         worst = max(worst, way)
     return worst
-
-
-@jit
-def raise_damping(ratio: float, states: States, world: Record) -> None:
-    """Raise the damping so that a motion of `ratio` bounds becomes shorter than the bound."""
-    world.raises += 1
-    factor = max(LEAST_RAISE, ratio / AIMED)
-    damp(states, world, min(MOST_DAMPING, (1.0 + world.damping) * factor - 1.0))
 
 
 @jit

@@ -11,32 +11,14 @@ from hhsim.kernels.qp.active_set import OPTIMAL, RESUMES, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.rotation import turned
 from hhsim.kernels.tick.options import TickOptions
+from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
-from hhsim.kernels.world.columns import (
-    States,
-    body_column,
-    body_count,
-    common_count,
-    first_finger,
-    hand_count,
-    is_still,
-    pair_count,
-    palm_column,
-    variable_count,
-    wide_rows,
-)
-from hhsim.kernels.world.friction import (
-    NO_LOAD,
-    find_leanings,
-    foresee_slips,
-    keep_slips,
-    lower_slips,
-    return_to_slips,
-    turn_contacts,
-)
+from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
+from hhsim.kernels.world.friction import NO_LOAD, end_search, find_leanings, lower_slips, next_slips
 from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
+from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
     TABLE_KEYS,
@@ -47,6 +29,8 @@ from hhsim.kernels.world.rows import (
     measure_slip,
 )
 
+SEARCHED = 2
+"""Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
 ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
 CONVERGES = 0.5
@@ -57,8 +41,6 @@ REPAIRS = 8
 """Most solutions more of a program with a Γ that turned out too large made smaller; the last time all are 0."""
 PART_REPAIRS = 2
 """Limit for a program with a clipped target, from which the tick goes on."""
-MOST_WAIT = 3
-"""After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
 LET_FLOAT = 0.5
 """Γ is the slip less this share of the clearance, and 0 where it slips by less: such a contact floats by that, and is
 not moved to and fro by a Γ that comes and goes."""
@@ -110,17 +92,15 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
 
 
 @jit
-def scale_target(bodies: Record, problem: Record) -> None:
+def scale_target(world: Record) -> None:
     """Write the program's target, scaled and in its order."""
+    bodies, problem = world.bodies, world.problem
     hand, target, weight = problem.hand_target, problem.target, problem.inverse_root
-    for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
-        for j in range(6):
-            target[palm_column(problem, h) + j] = hand[DOF * h + j] / weight[j]
-        for j in range(6, DOF):
-            target[fingers - 6 + j] = hand[DOF * h + j] / weight[j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            target[hand_column(problem, h, j)] = hand[DOF * h + j] / weight[j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        body, column = bodies[k], problem.column[k]
         for j in range(OBJECT_DOF):
             if body.inverse_root[j] > 0.0:
                 target[column + j] = problem.body_target[OBJECT_DOF * k + j] / body.inverse_root[j]
@@ -137,14 +117,11 @@ def scale_target(bodies: Record, problem: Record) -> None:
 @jit
 def take_targets(problem: Record) -> None:
     """Write the step to the targets, which is the program's where nothing is near."""
-    for h in range(hand_count(problem)):
-        fingers = first_finger(problem, h)
-        for j in range(6):
-            problem.delta[palm_column(problem, h) + j] = problem.hand_target[DOF * h + j]
-        for j in range(6, DOF):
-            problem.delta[fingers - 6 + j] = problem.hand_target[DOF * h + j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        column = body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            problem.delta[hand_column(problem, h, j)] = problem.hand_target[DOF * h + j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        column = problem.column[k]
         for j in range(OBJECT_DOF):
             problem.delta[column + j] = problem.body_target[OBJECT_DOF * k + j]
 
@@ -152,12 +129,9 @@ def take_targets(problem: Record) -> None:
 @jit
 def take_hand_steps(states: States, problem: Record) -> None:
     """Give each hand its step of the program, shape (21,), where nothing else moves."""
-    for h in range(hand_count(problem)):
-        palm, fingers, step = palm_column(problem, h), first_finger(problem, h), states[h].step
-        for j in range(6):
-            step.delta[j] = problem.delta[palm + j]
-        for j in range(6, DOF):
-            step.delta[j] = problem.delta[fingers - 6 + j]
+    for h in range(problem.hands):
+        for j in range(DOF):
+            states[h].step.delta[j] = problem.delta[hand_column(problem, h, j)]
 
 
 @jit
@@ -170,23 +144,22 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
     delta, way, palm_step = problem.delta, problem.whole, problem.scratch
     for j in range(common_count(problem)):
         way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         number, other, step, pose = problem.body[p], problem.other[p], states[p].step, states[p].pose
-        column, palm = body_column(problem, number), palm_column(problem, problem.hand[p])
+        column, hand = problem.column[number], problem.hand[p]
         own = way[column : column + OBJECT_DOF]
         if other >= 0:
-            first = body_column(problem, other)
+            first = problem.column[other]
             as_other_moves(bodies[other], pose.rotation[:], way[first : first + OBJECT_DOF], palm_step[:])
         else:
             for j in range(6):
-                palm_step[j] = way[palm + j]
+                palm_step[j] = way[problem.palm[hand] + j]
             if number > 0:
                 for j in (0, 3):
                     x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
                     palm_step[j], palm_step[j + 1], palm_step[j + 2] = x, y, z
-            fingers = first_finger(problem, problem.hand[p])
             for j in range(6, DOF if fraction == 1.0 else 6):
-                step.delta[j] = delta[fingers - 6 + j]
+                step.delta[j] = delta[hand_column(problem, hand, j)]
         as_object_moves(bodies[number], pose.position[:], palm_step[:], own, step.delta[0:6])
         for j in range(0 if fraction == 1.0 else 6):
             step.delta[j] /= fraction
@@ -196,14 +169,12 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
 def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
     """Read the step of a solution."""
     delta, weight = problem.delta, problem.inverse_root
-    for h in range(hand_count(problem)):
-        palm, fingers = palm_column(problem, h), first_finger(problem, h)
-        for j in range(6):
-            delta[palm + j] = qp.x[palm + j] * weight[j]
-        for j in range(6, DOF):
-            delta[fingers - 6 + j] = qp.x[fingers - 6 + j] * weight[j]
-    for k in range(0 if is_still(problem) else body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for h in range(problem.hands):
+        for j in range(DOF):
+            column = hand_column(problem, h, j)
+            delta[column] = qp.x[column] * weight[j]
+    for k in range(0 if is_still(problem) else problem.bodies):
+        body, column = bodies[k], problem.column[k]
         if column >= variable_count(problem):
             continue
         for j in range(OBJECT_DOF):
@@ -243,18 +214,18 @@ def _read(problem: Record, friction: Record, loaded: Record, pairs: Record, qp: 
 
 
 @jit
-def _is_settled(states: States, bodies: Record, offset: float, problem: Record, friction: Record) -> bool:
+def _is_settled(states: States, offset: float, world: Record) -> bool:
     # Whether every contact that bears a force has de Saxcé's Γ and rubs against its slip with all of its load.
-    settled = True
+    problem, friction, settled = world.problem, world.friction, True
     problem.gamma_error = 0.0
     for j in range(variable_count(problem)):
         problem.whole[j] = problem.total[j] + problem.delta[j]
-    for f in range(FINGER_COUNT * hand_count(problem)):
+    for f in range(FINGER_COUNT * problem.hands):
         problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
-        slip = measure_slip(states, bodies, problem, problem.whole[:], problem.whole_abduction[:], friction, i)
+        slip = measure_slip(states, world, problem.whole[:], problem.whole_abduction[:], i)
         friction.length[i] = slip
         load = friction.plain[i] + friction.cone[i]
         if load == 0.0:
@@ -274,8 +245,8 @@ def _is_settled(states: States, bodies: Record, offset: float, problem: Record, 
 @jit
 def _rest(bodies: Record, problem: Record) -> None:
     delta = problem.delta
-    for k in range(body_count(problem)):
-        body, column = bodies[k], body_column(problem, k)
+    for k in range(problem.bodies):
+        body, column = bodies[k], problem.column[k]
         if body.is_free == 0 or body.is_driven == 1 or body.joint > 0:
             continue
         size = 0.0
@@ -291,10 +262,10 @@ def _rest(bodies: Record, problem: Record) -> None:
 
 
 @jit
-def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> None:
+def _hold(offset: float, world: Record) -> None:
     # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
     # the slip itself, or what is left of one would move what sticks to and fro.
-    count = as_int64(0)
+    friction, held, count = world.friction, world.held, as_int64(0)
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
@@ -307,7 +278,7 @@ def _hold(offset: float, friction: Record, leanings: Record, held: Record) -> No
         for j in range(3):
             held.along[count, j] = friction.along[i, 0, j]
         for j in range(4):
-            held.leaning[count, j] = leanings.wanted[i, j]
+            held.leaning[count, j] = world.leanings.wanted[i, j]
         count += 1
     held.count = count
 
@@ -322,15 +293,6 @@ def clip_shifts(fraction: float, friction: Record) -> None:
         begun = math.sqrt(begun)
         if friction.shift[i] > begun:
             friction.shift[i] = begun + fraction * (friction.shift[i] - begun)
-
-
-@jit
-def begin_search(coulomb: Record) -> int:
-    """Most solutions with one Γ after another of a tick's first program: 1 where searches came to nothing of late."""
-    if coulomb.wait > 0:
-        coulomb.wait -= 1
-        return as_int64(1)
-    return as_int64(ROUNDS)
 
 
 @jit
@@ -361,35 +323,20 @@ def solve_plain(options: TickOptions, states: States, world: Record, qp: QpWork)
 
 
 @jit
-def _next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None:
-    """Foresee the slips by a step of Newton's method, and the directions of friction."""
-    bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
-    keep_slips(friction, loaded, world.coulomb)
-    foresee_slips(states, bodies, floats, problem, friction, qp, world.coulomb)
-    find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
-    turn_contacts(friction, world.leanings)
-
-
-@jit
-def _end_search(friction: Record, loaded: Record, coulomb: Record) -> None:
-    """Return to the best slips of a search that failed; what lets go at once slips on from tick to tick instead."""
-    return_to_slips(friction, loaded, coulomb)
-    coulomb.failures = min(coulomb.failures + 1, MOST_WAIT)
-    coulomb.wait = 2**coulomb.failures
-
-
-@jit
-def solve_free(options: TickOptions, states: States, world: Record, rounds: int, clipped: bool, qp: QpWork) -> int:
+def solve_free(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve for a step of hands and bodies, with one Γ after another until friction is Coulomb's.
 
     The problem's `delta` and the pairs' steps are written where the status is OPTIMAL. Γ of a step that is clipped is
-    for a part of the tick's slip, and is not kept. Returns a status of
-    `kernels.qp.active_set`.
+    for a part of the tick's slip, and is not kept. Returns a status of `kernels.qp.active_set`.
     """
-    bodies, step = world.bodies, states[0].step
+    options, states, world, step = method.options, method.states, method.world[0], state.step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
-    offset, relaxed = options.offset, states[0].program.is_relaxed
-    friction_rows(states, bodies, offset, relaxed, problem, friction, world.hand_pairs)
+    offset, relaxed, rounds = options.offset, state.program.is_relaxed, as_int64(1)
+    if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
+        # Where searches came to nothing of late there is none.
+        rounds = as_int64(1 if coulomb.wait > 0 else ROUNDS)
+        coulomb.wait = max(coulomb.wait - 1, 0)
+    friction_rows(states, world, offset, relaxed)
     rows = wide_rows(problem)
     floats, backs = LET_FLOAT * offset, STANDS_BACK * offset
     guessed = _guess(problem, loaded, world.hand_pairs)
@@ -399,8 +346,8 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
     for i in range(rounds + REPAIRS + 2):
         status = _solve_once(options, rows, guessed, world, step, qp)
         if status != OPTIMAL:
-            return status
-        if _is_settled(states, bodies, offset, problem, friction):
+            return as_int64(status)
+        if _is_settled(states, offset, world):
             if seeks:
                 coulomb.failures = 0
             break
@@ -408,9 +355,9 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
         seeks = seeks and i < rounds - 1 and problem.gamma_error <= CONVERGES * best and step.iterations < SEARCH
         if seeks:
             best = problem.gamma_error
-            _next_slips(floats, states, world, qp)
+            next_slips(floats, states, world, qp)
         elif worse:
-            _end_search(friction, loaded, coulomb)
+            end_search(friction, loaded, coulomb)
         else:
             repairs += 1
             most = PART_REPAIRS if clipped else REPAIRS
@@ -421,23 +368,23 @@ def solve_free(options: TickOptions, states: States, world: Record, rounds: int,
                 guessed = RESUMES
                 for c in range(lowered):
                     j = coulomb.contact[c]
-                    contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
+                    contact_rows(states, world, offset, relaxed, j, friction.row[j])
                 continue
             # Once these are lowered others may be too large: none is of which all are 0.
             for j in range(friction.count):
                 friction.shift[j] = 0.0
         for j in range(friction.count):
             if friction.has_friction[j] == 1:
-                contact_rows(states, bodies, offset, relaxed, j, friction.row[j], problem, friction)
+                contact_rows(states, world, offset, relaxed, j, friction.row[j])
         guessed = loaded.count
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(bodies, floats, problem, friction, loaded, world.leanings)
-        _hold(offset, friction, world.leanings, world.held)
+        find_leanings(floats, world)
+        _hold(offset, world)
     if options.correcting != 0 and ask_code(options.correcting, (options, states, world, qp)):
-        read_step(bodies, problem, qp)
+        read_step(world.bodies, problem, qp)
     if loaded.count > 0:
-        _rest(bodies, problem)
-    take_steps(states, bodies, 1.0, problem)
-    return OPTIMAL
+        _rest(world.bodies, problem)
+    take_steps(states, world.bodies, 1.0, problem)
+    return as_int64(OPTIMAL)

@@ -12,7 +12,6 @@ A finger with hardly any lever can have a way out that is too long to be taken i
 no acceptable step goes on with the coupled program, see `kernels.tick`.
 """
 
-from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.linearise import limit_start
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_int64, jit, jit_inline, jit_noinline
@@ -20,7 +19,7 @@ from hhsim.kernels.parallel.thread_team import DISMISSED, await_done, item_done,
 from hhsim.kernels.qp.active_set import INFEASIBLE, OPTIMAL, QpWork, solve
 from hhsim.kernels.qp.row_scan import Rows
 from hhsim.kernels.tick.state import PALM_GROUPS
-from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, take_multipliers
+from hhsim.kernels.tick.step import DURATION_FINGERS, DURATION_PALM, guess_rows, lap, take_multipliers
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.program import solve_plain
 from hhsim.kernels.world.second_order import Lagrangian, correct_program
@@ -29,17 +28,6 @@ YIELD_WEIGHT = 1e-4
 """Share of its stiffness that a joint keeps in the palm's program."""
 YIELD_SCALE = 100.0
 """1 / √YIELD_WEIGHT: what its columns are multiplied by there."""
-
-
-@jit_inline
-def finger_rhs(problem: Record, start: int, stop: int, palm_step: Array, rhs_out: Array) -> None:
-    """Right-hand sides of rows [start, stop) once the palm has taken its (scaled) step, shape (6,)."""
-    common, rhs = problem.common, problem.rhs
-    for i in range(start, stop):
-        total = rhs[i]
-        for j in range(6):
-            total -= common[j, i] * palm_step[j]
-        rhs_out[i] = total
 
 
 @jit_inline
@@ -136,8 +124,12 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
     own.stop[0] = stop
     own.start[1] = limit_start(contacts, finger)
     own.stop[1] = limit_start(contacts, finger + 1)
-    finger_rhs(problem, start, stop, work.palm_step[:], work.rhs[:])
-    finger_rhs(problem, own.start[1], own.stop[1], work.palm_step[:], work.rhs[:])
+    for group in range(2):
+        for i in range(own.start[group], own.stop[group]):
+            total = problem.rhs[i]
+            for j in range(6):
+                total -= problem.common[j, i] * work.palm_step[j]
+            work.rhs[i] = total
     if not _keeps_unmoved_rows(start, stop, problem.block[:], options.relaxation * problem.inverse_root[0], work.rhs):
         own.iterations = 0
         own.status = INFEASIBLE
@@ -165,24 +157,6 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
         correct_program(Lagrangian(*given), qp.counts[0], own.step[:], rows, options, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[k] = qp.x[k] * problem.inverse_root[offset + k]
-
-
-@jit_inline
-def _take_finger(finger: int, work: Record, step: Record) -> int:
-    # A finger's solution becomes part of the step; returns its status.
-    own = work.finger[finger]
-    offset = 6 + PHALANX_COUNT * finger
-    step.iterations += own.iterations
-    if own.status != OPTIMAL:
-        return own.status
-    before = step.count
-    for i in range(own.count):
-        step.row[before + i] = own.row[i]
-        step.multiplier[before + i] = own.multiplier[i]
-    step.count = before + own.count
-    for k in range(PHALANX_COUNT):
-        step.delta[offset + k] = own.delta[k]
-    return OPTIMAL
 
 
 @jit_inline
@@ -232,28 +206,10 @@ def help_out(method: World, qp: QpWork) -> None:
 
 
 @jit
-def _load(problem: Record, step: Record, loaded: Record) -> None:
-    """Write the rows that carry the step's multipliers as those of a program of all variables."""
-    problem.dense_rows = 0
-    problem.gamma_error = 0.0
-    loaded.count = step.count
-    for i in range(step.count):
-        loaded.row[i], loaded.key[i] = step.row[i], problem.key[step.row[i]]
-        loaded.multiplier[i] = step.multiplier[i]
-
-
-@jit_inline
-def _count_time(began: int, step: Record) -> None:
-    """Count the fingers' time since then as theirs, and not as the palm's."""
-    spent = monotonic_ns() - began
-    step.duration[DURATION_FINGERS] += spent
-    step.duration[DURATION_PALM] -= spent
-
-
-@jit
 def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
     problem, contacts, work, step = method.world[0].problem, state.contacts, state.progressive, state.step
+    loaded = method.world[0].loaded
     if state.program.is_coupled:
         return as_int64(solve_plain(method.options, method.states, method.world[0], qp))
     work.variables = 6
@@ -268,7 +224,7 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
         work.yields[f] = -1
     while True:
         status = as_int64(_solve_palm(method, state, qp))
-        solved = monotonic_ns()
+        lap(DURATION_PALM, state)
         if status != OPTIMAL:
             return status
         joined = False
@@ -276,14 +232,28 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
         for f in range(FINGER_COUNT):
             if contacts.start[f + 2] == contacts.start[f + 1]:
                 continue
-            status = _take_finger(f, work, step)
-            if status == INFEASIBLE and work.yields[f] < 0:
+            own = work.finger[f]
+            step.iterations += own.iterations
+            if own.status == INFEASIBLE and work.yields[f] < 0:
                 _join(problem, contacts, f, work)
                 joined = True
-            elif status != OPTIMAL:
-                _count_time(solved, step)
-                return as_int64(status)
-        _count_time(solved, step)
+                continue
+            if own.status != OPTIMAL:
+                lap(DURATION_FINGERS, state)
+                return as_int64(own.status)
+            for i in range(own.count):
+                step.row[step.count + i], step.multiplier[step.count + i] = own.row[i], own.multiplier[i]
+            step.count += own.count
+            for k in range(PHALANX_COUNT):
+                step.delta[6 + PHALANX_COUNT * f + k] = own.delta[k]
+        lap(DURATION_FINGERS, state)
         if not joined:
-            _load(problem, step, method.world[0].loaded)
-            return as_int64(OPTIMAL)
+            break
+    # What carries the step's multipliers are rows of a program of all variables.
+    problem.dense_rows = 0
+    problem.gamma_error = 0.0
+    loaded.count = step.count
+    for i in range(step.count):
+        loaded.row[i], loaded.key[i] = step.row[i], problem.key[step.row[i]]
+        loaded.multiplier[i] = step.multiplier[i]
+    return as_int64(OPTIMAL)

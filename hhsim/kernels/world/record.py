@@ -9,21 +9,12 @@ import numpy as np
 from hhsim.kernels.arithmetic import hypotenuse
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.hand.kinematics import BODY_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_int64, jit, jit_noinline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_int64, jit, jit_noinline
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF
-from hhsim.kernels.world.columns import (
-    States,
-    body_count,
-    body_of,
-    coefficient,
-    other_of,
-    pair_count,
-    relative_motion,
-    torsion_radius,
-)
+from hhsim.kernels.world.columns import States, body_of, coefficient, other_of, relative_motion, torsion_radius
 from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
 from hhsim.kernels.world.rows import DIRECTIONS, TABLE_KEYS
 
@@ -97,9 +88,7 @@ class WorldRecord(NamedTuple):
 
 
 @jit
-def _push(
-    r: tuple[float, float, float], m: tuple[float, float, float], size: float, turn: float, n: Any, wrench: Array
-) -> None:
+def _push(r: Triple, m: Triple, size: float, turn: float, n: Any, wrench: Array) -> None:
     # Add a force along m at a point by its place from the centre, and a moment along n, to the wrench on a body.
     rx, ry, rz = r
     mx, my, mz = m
@@ -112,7 +101,7 @@ def _push(
 
 
 @jit
-def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: tuple[float, float, float]) -> None:
+def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: Triple) -> None:
     # Add a force to those on a hand, which are in the frame of the first body.
     pair = of // BODY_COUNT
     hand = problem.hand[pair]
@@ -134,8 +123,9 @@ def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: t
 
 
 @jit_noinline
-def _bear_joints(states: States, bodies: Record, problem: Record, loaded: Record, borne: Record) -> None:
+def _bear_joints(states: States, world: Record, borne: Record) -> None:
     """Add the loads of rows of joints of two free bodies to the wrenches on both."""
+    bodies, problem, loaded = world.bodies, world.problem, world.loaded
     for i in range(loaded.count):
         row, force = loaded.row[i], loaded.multiplier[i]
         if problem.kind[row] != PAIR_KIND:
@@ -167,15 +157,15 @@ def clear_borne(bodies: int, borne: Record) -> None:
 
 
 @jit
-def find_borne(
-    states: States, bodies: Record, contacts: Record, problem: Record, friction: Record, loaded: Record, borne: Record
-) -> None:
-    """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact in `borne`."""
-    clear_borne(body_count(problem), borne)
+def find_borne(states: States, world: Record) -> None:
+    """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact."""
+    bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
+    contacts, borne = states[0].contacts, world.borne[1 - world.accepted]
+    clear_borne(problem.bodies, borne)
     count = as_int64(0)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         states[p].warm.count = 0
-    _bear_joints(states, bodies, problem, loaded, borne)
+    _bear_joints(states, world, borne)
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
@@ -206,12 +196,12 @@ def find_borne(
         if kind > 0:
             e = (kind - 1) % DIRECTIONS
             sign = -1.0 if kind <= DIRECTIONS else 1.0
-            push = sign * coefficient(bodies, problem, of)
+            push = sign * coefficient(world, of)
             t = friction.along[owner, e]
             mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
             for j in range(3):
                 borne.friction[at, j] += force * push * t[j]
-            moment = sign * torsion_radius(bodies, problem, of) * friction.about[owner, e] * force
+            moment = sign * torsion_radius(world, of) * friction.about[owner, e] * force
             borne.moment[at] += moment
         m, center = (mx, my, mz), bodies[number].center
         r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
@@ -231,37 +221,15 @@ def find_borne(
     for i in range(count):
         p, n, of = borne.point[i], borne.normal[i], borne.body[i]
         way, spread = problem.total[:], problem.abduction_total[:]
-        x, y, z, wx, wy, wz = relative_motion(states, bodies, problem, spread, way, of, p)
+        x, y, z, wx, wy, wz = relative_motion(states, world, spread, way, of, p)
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
         place = borne.contact[i]
         if place < 0 or friction.has_friction[place] == 0:
-            radius = torsion_radius(bodies, problem, of)
+            radius = torsion_radius(world, of)
             spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
-            borne.bare = max(borne.bare, hypotenuse(coefficient(bodies, problem, of) * borne.slip[i], spin))
-
-
-@jit
-def copy_borne(bodies: int, source: Record, target: Record) -> None:
-    """Copy what is borne of so many bodies."""
-    target.count = source.count
-    target.residual = source.residual
-    target.bare = source.bare
-    for k in range(bodies):
-        copy_values(source.hand_wrench[k], target.hand_wrench[k])
-        copy_values(source.table_wrench[k], target.table_wrench[k])
-        copy_values(source.body_wrench[k], target.body_wrench[k])
-    for i in range(source.count):
-        target.body[i] = source.body[i]
-        target.load[i] = source.load[i]
-        target.moment[i] = source.moment[i]
-        target.slip[i] = source.slip[i]
-        for j in range(3):
-            target.point[i, j] = source.point[i, j]
-            target.lever[i, j] = source.lever[i, j]
-            target.normal[i, j] = source.normal[i, j]
-            target.friction[i, j] = source.friction[i, j]
+            borne.bare = max(borne.bare, hypotenuse(coefficient(world, of) * borne.slip[i], spin))
 
 
 @jit
@@ -280,35 +248,16 @@ def turn_loads(body: Record, active: Record) -> None:
 
 
 @jit
-def _about_center(body: Record, wrench: Array) -> None:
-    # Take a wrench about the hinge to the centre of mass, object's frame.
-    x, y, z = wrench[0], wrench[1], wrench[2]
-    rx, ry, rz = body.lever[0], body.lever[1], body.lever[2]
-    wrench[3] -= ry * z - rz * y
-    wrench[4] -= rz * x - rx * z
-    wrench[5] -= rx * y - ry * x
-
-
-@jit
-def _record_motion(body: Record, hand_wrench: Array, table_wrench: Array, i: Any, record: WorldRecord) -> None:
-    # Row (body, i).
-    copy_values(body.orientation[:], record.turn[i])
-    center, shift, rate = body.center, record.shift[i], record.angular_velocity[i]
-    x, y, z = turned(body.rotation, center[0], center[1], center[2])
-    shift[0] = body.position[0] - x
-    shift[1] = body.position[1] - y
-    shift[2] = body.position[2] - z
-    copy_values(body.velocity[:], record.velocity[i])
-    x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
-    rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
+def _record_wrench(body: Record, wrench: Array, wrench_out: Array) -> None:
+    # Of a hinged body it is about the hinge, and goes to the centre of mass.
     if body.joint == HINGE:
-        _about_center(body, hand_wrench)
-        _about_center(body, table_wrench)
-    by_hand, by_table = record.hand_wrench[i], record.table_wrench[i]
+        x, y, z = wrench[0], wrench[1], wrench[2]
+        rx, ry, rz = body.lever[0], body.lever[1], body.lever[2]
+        wrench[3] -= ry * z - rz * y
+        wrench[4] -= rz * x - rx * z
+        wrench[5] -= rx * y - ry * x
     for half in range(2):
-        _out(body, hand_wrench[3 * half : 3 * half + 3], by_hand[3 * half : 3 * half + 3])
-        _out(body, table_wrench[3 * half : 3 * half + 3], by_table[3 * half : 3 * half + 3])
-    record.table_distance[i] = body.table_distance
+        _out(body, wrench[3 * half : 3 * half + 3], wrench_out[3 * half : 3 * half + 3])
 
 
 @jit
@@ -325,43 +274,42 @@ def _record_point(body: Record, place: Array, point_out: Array) -> None:
 
 
 @jit
-def _record_contact(body: Record, of: int, k: int, borne: Record, row: int, record: WorldRecord) -> None:
-    record.body[row] = of
-    for j in range(3):
-        borne.point[k, j] -= body.center[j]
-    _record_point(body, borne.point[k], record.point[row])
-    _out(body, borne.normal[k], record.normal[row])
-    _out(body, borne.friction[k], record.friction_force[row])
-    record.normal_force[row] = borne.load[k]
-    record.torsional_moment[row] = borne.moment[k]
-    record.slip[row] = borne.slip[k]
-
-
-@jit
 def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     """Copy what became of the bodies in the last tick to row i of their record."""
-    borne, problem, bodies = world.borne, world.problem, world.bodies
-    for t in range(body_count(problem)):
-        body = bodies[t]
-        _record_motion(body, borne.hand_wrench[t], borne.table_wrench[t], (t, i), record)
-        wrench, out = borne.body_wrench[t], record.body_wrench[t, i]
-        if body.joint == HINGE:
-            _about_center(body, wrench)
-        for half in range(2):
-            _out(body, wrench[3 * half : 3 * half + 3], out[3 * half : 3 * half + 3])
+    borne, problem, bodies = world.borne[world.accepted], world.problem, world.bodies
+    for t in range(problem.bodies):
+        body, shift, rate = bodies[t], record.shift[t, i], record.angular_velocity[t, i]
+        copy_values(body.orientation[:], record.turn[t, i])
+        x, y, z = turned(body.rotation, body.center[0], body.center[1], body.center[2])
+        shift[0], shift[1], shift[2] = body.position[0] - x, body.position[1] - y, body.position[2] - z
+        copy_values(body.velocity[:], record.velocity[t, i])
+        x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
+        rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
+        _record_wrench(body, borne.hand_wrench[t], record.hand_wrench[t, i])
+        _record_wrench(body, borne.table_wrench[t], record.table_wrench[t, i])
+        _record_wrench(body, borne.body_wrench[t], record.body_wrench[t, i])
+        record.table_distance[t, i] = body.table_distance
     record.friction_residual[0, i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):
         of = borne.body[k]
         number, other = body_of(problem, of), other_of(problem, of)
+        body = bodies[number]
         if other >= 0:
-            name, body = -2 - other, bodies[other]
-            _record_point(body, borne.lever[k], record.other_point[row])
+            record.body[row] = -2 - other
+            _record_point(bodies[other], borne.lever[k], record.other_point[row])
         elif of >= 0:
-            name = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
+            record.body[row] = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
         else:
-            name = as_int64(-1)
-        _record_contact(bodies[number], name, k, borne, row, record)
+            record.body[row] = -1
+        for j in range(3):
+            borne.point[k, j] -= body.center[j]
+        _record_point(body, borne.point[k], record.point[row])
+        _out(body, borne.normal[k], record.normal[row])
+        _out(body, borne.friction[k], record.friction_force[row])
+        record.normal_force[row] = borne.load[k]
+        record.torsional_moment[row] = borne.moment[k]
+        record.slip[row] = borne.slip[k]
         record.contact_body[row] = number
         row += 1
     record.contact[i + 1] = row

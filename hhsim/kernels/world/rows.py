@@ -34,8 +34,7 @@ from hhsim.kernels.world.columns import (
     States,
     coefficient,
     first_finger,
-    hand_count,
-    pair_count,
+    name_row,
     relative_motion,
     torsion_radius,
     write_row,
@@ -202,14 +201,14 @@ def held_dtype(bodies: int) -> "np.dtype[Any]":
 
 
 @jit
-def find_frictions(bodies: Record, contacts: Record, problem: Record, close: float, friction: Record) -> None:
+def find_frictions(world: Record, contacts: Record, close: float) -> None:
     """Say which contacts, but for those of the table, have friction: those up to `close` [m]."""
-    distance = contacts.distance
+    problem, friction, distance = world.problem, world.friction, contacts.distance
     within = close
     count = as_int64(HAND_FRICTION + 1)
     while count > HAND_FRICTION:
         count = as_int64(0)
-        for p in range(pair_count(problem)):
+        for p in range(problem.pairs):
             for i in range(problem.first[p], problem.last[p]):
                 if distance[i] <= within:
                     count += 1
@@ -218,8 +217,8 @@ def find_frictions(bodies: Record, contacts: Record, problem: Record, close: flo
             if within < 1e-9:
                 break
     count = as_int64(0)
-    for p in range(pair_count(problem)):
-        body = bodies[problem.body[p]]
+    for p in range(problem.pairs):
+        body = world.bodies[problem.body[p]]
         if problem.other[p] < 0 and body.friction == 0.0 and body.torsion == 0.0:
             continue
         for i in range(problem.first[p], problem.last[p]):
@@ -271,42 +270,33 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
 
 
 @jit
-def measure_slip(
-    states: States, bodies: Record, problem: Record, step: Array, abduction: Array, friction: Record, i: int
-) -> float:
+def measure_slip(states: States, world: Record, step: Array, abduction: Array, i: int) -> float:
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
+    friction = world.friction
     of, p, n = friction.body[i], friction.point[i], friction.normal[i]
-    mu = coefficient(bodies, problem, of)
-    x, y, z, wx, wy, wz = relative_motion(states, bodies, problem, abduction, step, of, p)
+    mu = coefficient(world, of)
+    x, y, z, wx, wy, wz = relative_motion(states, world, abduction, step, of, p)
     normal = x * n[0] + y * n[1] + z * n[2]
     x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
-    radius = torsion_radius(bodies, problem, of)
+    radius = torsion_radius(world, of)
     spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
     friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
     return math.sqrt(x * x + y * y + z * z + spin * spin)
 
 
 @jit
-def begin_frictions(
-    states: States,
-    bodies: Record,
-    step: Array,
-    abduction: Array,
-    problem: Record,
-    held: Record,
-    turns: bool,
-    friction: Record,
-) -> None:
+def begin_frictions(states: States, world: Record, step: Array, abduction: Array, turns: bool) -> None:
     """Set what the contacts slipped in this tick so far, and Γ and directions as they were in the program before.
 
     A contact that is new begins with its slip in `step`, unscaled and in the program's order, with `abduction` [rad] of
     all fingers. With `turns` the directions are those that turned out better.
     """
+    problem, held, friction = world.problem, world.held, world.friction
     for i in range(friction.count):
         friction.shift[i] = 0.0
         if friction.has_friction[i] == 0:
             continue
-        measure_slip(states, bodies, problem, problem.total[:], problem.abduction_total[:], friction, i)
+        measure_slip(states, world, problem.total[:], problem.abduction_total[:], i)
         friction.start_spin[i] = friction.spin[i]
         for j in range(3):
             friction.start[i, j] = friction.slip[i, j]
@@ -325,7 +315,7 @@ def begin_frictions(
                 friction.shift[i] = held.shift[at]
                 continue
         else:
-            slip = measure_slip(states, bodies, problem, step, abduction, friction, i)
+            slip = measure_slip(states, world, step, abduction, i)
             if orient(friction, i, friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i]):
                 friction.shift[i] = slip
                 continue
@@ -348,7 +338,7 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
     """Return whether a program has rows that may bend a finger: of its contacts, or of pairs of hands' parts."""
     found = as_bool(states[hand].meeting.meets[finger] == 1)
-    for p in range(pair_count(problem)):
+    for p in range(problem.pairs):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])
     return found
@@ -357,7 +347,7 @@ def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
 @jit
 def contact_groups(states: States, problem: Record) -> int:
     """Begin the groups of rows with those of contacts and of joint limits; return the row behind these."""
-    pairs, hands = pair_count(problem), hand_count(problem)
+    pairs, hands = problem.pairs, problem.hands
     problem.groups = 0
     for p in range(pairs):
         first, limits, fingers = problem.first[p], problem.last[p], first_finger(problem, problem.hand[p])
@@ -382,23 +372,22 @@ def end_rows(states: States, offset: float, row: int, problem: Record, pairs: Re
 
 
 @jit
-def friction_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, problem: Record, friction: Record, meets: Record
-) -> None:
+def friction_rows(states: States, world: Record, offset: float, relaxed: bool) -> None:
     """Write the rows of friction, of the table, of joints and of pairs of hands' parts, and the groups of all rows.
 
     The rows of contacts, which are there, are changed once: those with friction stand back, and all have their share.
     """
-    pairs, row = pair_count(problem), contact_groups(states, problem)
+    problem, friction = world.problem, world.friction
+    row = contact_groups(states, problem)
     changed = 0 if problem.is_fresh == 1 else row
-    for p in range(pairs):
+    for p in range(problem.pairs):
         fingers = first_finger(problem, problem.hand[p])
         for owner in range(FINGER_COUNT + 1 if problem.other[p] < 0 else 1):
             start = row
             for i in range(friction.of_hand):
                 of = friction.body[i] - BODY_COUNT * p
                 if 0 <= of < BODY_COUNT and (0 if of == PALM_BODY else 1 + of // PHALANX_COUNT) == owner:
-                    row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
+                    row = contact_rows(states, world, offset, relaxed, i, row)
             _add_group(problem, start, row, fingers + PHALANX_COUNT * (owner - 1) if owner > 0 else -1)
     table = row
     for i in range(friction.of_hand, friction.count):
@@ -409,18 +398,15 @@ def friction_rows(
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
         of, m = friction.body[i], (n[0], n[1], n[2])
-        write_row(states, bodies, problem, of, row, friction.point[i], m, (0.0, 0.0, 0.0), rhs)
-        problem.key[row] = TABLE_KEYS - KINDS * friction.key[i]
-        problem.owner[row] = i
-        problem.kind[row] = 0
-        row += 1
+        write_row(states, world, of, row, friction.point[i], m, (0.0, 0.0, 0.0), rhs)
+        row = name_row(problem, row, TABLE_KEYS - KINDS * friction.key[i], i, as_int64(0))
         if friction.has_friction[i] == 1:
-            row = contact_rows(states, bodies, offset, relaxed, i, row, problem, friction)
+            row = contact_rows(states, world, offset, relaxed, i, row)
     joints = row
-    row = joint_rows(states, bodies, relaxed, row, problem)
+    row = joint_rows(states, world, relaxed, row)
     _add_group(problem, table, row, -1)
     dense = row
-    end_rows(states, offset, row, problem, meets)
+    end_rows(states, offset, row, problem, world.hand_pairs)
     row = problem.rows
     for i in range(friction.of_hand if problem.is_fresh == 1 else 0):
         problem.owner[friction.contact[i]] = i
@@ -432,12 +418,11 @@ def friction_rows(
 
 
 @jit
-def contact_rows(
-    states: States, bodies: Record, offset: float, relaxed: bool, i: int, row: int, problem: Record, friction: Record
-) -> int:
+def contact_rows(states: States, world: Record, offset: float, relaxed: bool, i: int, row: int) -> int:
     """Write the rows of friction of a contact from a row on; returns the one behind them."""
+    friction = world.friction
     of, point, n = friction.body[i], friction.point[i], friction.normal[i]
-    mu, radius, d = coefficient(bodies, problem, of), torsion_radius(bodies, problem, of), friction.distance[i]
+    mu, radius, d = coefficient(world, of), torsion_radius(world, of), friction.distance[i]
     friction.row[i] = row
     start = friction.start[i]
     for k in range(PER_CONTACT):
@@ -452,12 +437,7 @@ def contact_rows(
         if relaxed and d >= 0.0:
             rhs = min(rhs, 0.0)
         m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])
-        write_row(states, bodies, problem, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
-        if of < 0:
-            problem.key[row] = TABLE_KEYS - KINDS * friction.key[i] - 1 - k
-        else:
-            problem.key[row] = KINDS * friction.key[i] + 1 + k
-        problem.owner[row] = i
-        problem.kind[row] = 1 + k
-        row += 1
+        write_row(states, world, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
+        key = KINDS * friction.key[i] + 1 + k
+        row = name_row(world.problem, row, TABLE_KEYS - key if of < 0 else key, i, 1 + k)
     return row

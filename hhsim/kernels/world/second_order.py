@@ -1,4 +1,4 @@
-"""Second derivatives of contact distances: how a contact's distance bends as the hand moves.
+"""Second-order correction of a program's solution, by how the distances of contacts bend as the hand moves.
 
 A contact between a sphere of radius r around the hand's axis point x and an object that is locally a sphere of radius R
 around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal and V = ∂x/∂q,
@@ -8,8 +8,6 @@ around c has the distance D = |x - c| - r - R. With ρ = |x - c|, n the normal a
 At an edge, which is straight along e, I - n nᵀ - e eᵀ takes the place of I - n nᵀ; on a face ρ is infinite.
 Where the nearest point slides along a phalanx (axis parameter 0 < s < 1), d = min over s of D, and its Hessian is the
 Schur complement D_qq - D_qs D_sq / D_ss. Only products with a vector are needed.
-
-Second-order correction of a program's solution.
 
 The quadratic program sees flat contacts. On a curved one the hand would then approach its optimum by a constant factor
 a linearisation, the slower the harder it presses: contact force times curvature works against the coupling's stiffness,
@@ -29,29 +27,18 @@ meet with a small radius. Contacts of bodies that move count as flat.
 """
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from hhsim.kernels.contact.hand_pairs import PairsCode
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Indices, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Indices, Record, Triple, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.machine_code import run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.qp.qr_update import project
 from hhsim.kernels.qp.row_scan import Rows, row_violations
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.world.columns import (
-    States,
-    common_count,
-    first_finger,
-    hand_count,
-    is_still,
-    palm_column,
-    variable_count,
-    wide_rows,
-)
-
-Triple: TypeAlias = tuple[float, float, float]
+from hhsim.kernels.world.columns import States, common_count, first_finger, is_still, variable_count, wide_rows
 
 
 @jit_inline
@@ -213,11 +200,11 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
     world, row, force = lagrangian.world, lagrangian.row, lagrangian.force
     problem, still = world.problem, is_still(world.problem)
     # Of one hand alone the program's variables are the hand's.
-    alone = still and hand_count(problem) == 1
+    alone = still and problem.hands == 1
     for j in range(variable_count(problem)):
         product_out[j] = 0.0
-    for h in range(hand_count(problem)):
-        each, palm, fingers = lagrangian.states[h], palm_column(problem, h), first_finger(problem, h)
+    for h in range(problem.hands):
+        each, palm, fingers = lagrangian.states[h], problem.palm[h], first_finger(problem, h)
         hand, product = step, product_out
         if not alone:
             hand, product = work.hand[:], work.bent[:]
@@ -238,51 +225,30 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
 
 
 @jit_inline
-def _project_out(n: int, k: int, basis: Array, vector: Array) -> None:
+def _apply(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record, image_out: Array) -> None:
+    """Compute P S x of the program's own variables, for a step of all [m, rad]."""
+    n, root, offset = lagrangian.n, lagrangian.inverse_root, lagrangian.offset
+    _curvature(lagrangian, step, work, work.product[:])
+    for j in range(n):
+        image_out[j] = work.product[offset + j] * root[offset + j]
     for i in range(k):
         c = 0.0
         for j in range(n):
-            c += basis[i, j] * vector[j]
+            c += basis[i, j] * image_out[j]
         for j in range(n):
-            vector[j] -= c * basis[i, j]
-
-
-@jit_inline
-def _apply(lagrangian: Lagrangian, k: int, basis: Array, work: Record, vector: Array, image_out: Array) -> None:
-    """Compute P S v for a v that is zero outside the program's own variables."""
-    root, offset = lagrangian.inverse_root, lagrangian.offset
-    for j in range(variable_count(lagrangian.world.problem)):
-        work.whole[j] = 0.0
-    for j in range(lagrangian.n):
-        work.whole[offset + j] = vector[j] * root[offset + j]
-    _curvature(lagrangian, work.whole[:], work, work.product[:])
-    for j in range(lagrangian.n):
-        image_out[j] = work.product[offset + j] * root[offset + j]
-    _project_out(lagrangian.n, k, basis, image_out)
-
-
-@jit_inline
-def _residual(lagrangian: Lagrangian, step: Array, k: int, basis: Array, work: Record) -> float:
-    """Write P S x into the residual and the first search direction; returns its square."""
-    root, offset, square = lagrangian.inverse_root, lagrangian.offset, 0.0
-    _curvature(lagrangian, step, work, work.product[:])
-    for j in range(lagrangian.n):
-        work.residual[j] = work.product[offset + j] * root[offset + j]
-        work.correction[j] = 0.0
-    _project_out(lagrangian.n, k, basis, work.residual[:])
-    for j in range(lagrangian.n):
-        work.search[j] = work.residual[j]
-        square += work.residual[j] * work.residual[j]
-    return square
+            image_out[j] -= c * basis[i, j]
 
 
 @jit_inline
 def _conjugate_gradients(lagrangian: Lagrangian, k: int, basis: Array, square: float, work: Record) -> None:
     """Solve P (I - S) P z = residual for the correction z, up to a bounded stretch where the curvature wins."""
     n, residual, search, image, correction = lagrangian.n, work.residual, work.search, work.image, work.correction
-    goal = REDUCTION * square
+    goal, root, offset = REDUCTION * square, lagrangian.inverse_root, lagrangian.offset
+    work.whole[:] = 0.0
     for _ in range(n - k):
-        _apply(lagrangian, k, basis, work, search[:], image[:])
+        for j in range(n):
+            work.whole[offset + j] = search[j] * root[offset + j]
+        _apply(lagrangian, work.whole[:], k, basis, work, image[:])
         along = 0.0
         length = 0.0
         for j in range(n):
@@ -343,7 +309,11 @@ def correct_program(
     tolerance, longest = options.tolerance, options.longest_correction
     if k == 0 or held >= n:
         return
-    square = _residual(lagrangian, step, held, qp.basis, work)
+    _apply(lagrangian, step, held, qp.basis, work, work.residual[:])
+    square = 0.0
+    for j in range(n):
+        correction[j], work.search[j] = 0.0, work.residual[j]
+        square += work.residual[j] * work.residual[j]
     if square <= tolerance * tolerance:
         return
     _conjugate_gradients(lagrangian, held, qp.basis, square, work)
@@ -368,8 +338,8 @@ def _hold_bodies(n: int, problem: Record, qp: QpWork) -> int:
     k = qp.counts[0]
     for j in range(common_count(problem)):
         is_palm = False
-        for h in range(hand_count(problem)):
-            is_palm = is_palm or 0 <= j - palm_column(problem, h) < 6
+        for h in range(problem.hands):
+            is_palm = is_palm or 0 <= j - problem.palm[h] < 6
         if is_palm or k >= n:
             continue
         qp.normal[:] = 0.0
@@ -401,8 +371,8 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
     root = world.bending_root
     for j in range(n):
         root[j] = 0.0
-    for h in range(hand_count(problem)):
-        palm, first = palm_column(problem, h), first_finger(problem, h)
+    for h in range(problem.hands):
+        palm, first = problem.palm[h], first_finger(problem, h)
         if still:
             copy_values(problem.inverse_root[:6], root[palm : palm + 6])
         copy_values(problem.inverse_root[6:DOF], root[first : first + FINGERS])

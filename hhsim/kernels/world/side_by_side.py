@@ -12,8 +12,7 @@ from hhsim.kernels.jit import as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import QpWork
-from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.evaluation import set_haptic
+from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick, set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.tick import MEASURE, TICK
@@ -53,7 +52,7 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
         # Of a sample that is not finite the last good one counts.
         copy_values(state.haptic.position[:], world.palm_position[h])
         copy_values(state.haptic.orientation[:], world.palm_orientation[h])
-    call_code(code, (method, states, qp, as_int64(TICK)))
+    call_code(code, (method, qp, as_int64(TICK)))
     if world.hand_pairs.kept < 0.0:
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
@@ -68,9 +67,8 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
 def _tick_alone(alone: World, qp: QpWork, code: int, i: int, haptic: HapticBlock, record: TickRecord) -> None:
     """Make a hand's own tick, and write its row of the record."""
     cpu, wall, state = thread_cpu_ns(), monotonic_ns(), alone.states[0]
-    sample = haptic.position[i], haptic.orientation[i], haptic.flexion[i], haptic.abduction[i]
-    status = set_haptic(alone.movers[0], *sample, state)
-    call_code(code, (alone, alone.states, qp, as_int64(TICK)))
+    status = set_haptic(alone.movers[0], haptic, i, state)
+    call_code(code, (alone, qp, as_int64(TICK)))
     wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
     record_tick(state, status | alone.world[0].status[0], wall, cpu, i, record)
 
@@ -95,12 +93,10 @@ def run_hands_apart(
         began, cpu = monotonic_ns(), thread_cpu_ns()
         by_itself = parts_move or not world.is_near
         for h in range(2):
-            given = haptic[h]
             if by_itself:
-                _tick_alone(alone[h], qp, code, as_int64(i), given, record[h])
+                _tick_alone(alone[h], qp, code, as_int64(i), haptic[h], record[h])
             else:
-                sample = given.position[i], given.orientation[i], given.flexion[i], given.abduction[i]
-                record[h].status[i] = set_haptic(method.movers[h], *sample, states[h])
+                record[h].status[i] = set_haptic(method.movers[h], haptic[h], i, states[h])
         said = record[0].status[i] | record[1].status[i]
         looked = monotonic_ns()
         apart = by_itself and (said & STATUS_NO_PLACE != 0 or not _may_have_met(method))
@@ -116,7 +112,7 @@ def run_hands_apart(
             for h in range(2):
                 copy_configuration(states[h].prediction.start, states[h].pose)
                 record[h].status[i] &= STATUS_INPUT_INVALID
-            call_code(code, (method, states, qp, as_int64(MEASURE)))
+            call_code(code, (method, qp, as_int64(MEASURE)))
             world.hand_pairs.count = 0
         _tick_of_both(alone, method, parts_move, qp, code)
         wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu

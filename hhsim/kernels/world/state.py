@@ -40,8 +40,12 @@ def world_dtype() -> "np.dtype[Any]":
             ("bending_root", np.float64, (dof,)),  # 1 / √G of the variables of what bends, 0 for all others
             ("unsettled", np.bool_),  # the first hand moved in the last tick, or lagged
             ("curved", np.bool_),  # contacts of hands beside what stands still bend in the program at hand
-            ("tried", borne_dtype(bodies)),  # the contacts that bear a force at the last step
-            ("borne", borne_dtype(bodies)),  # the same at the last accepted one
+            (
+                "borne",
+                borne_dtype(bodies),
+                (2,),
+            ),  # contacts that bear a force at the last accepted step, and at the last
+            ("accepted", np.int64),  # which of the two is of the accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("safe_abduction", np.float64, (fingers,)),  # its fingers' spread
             ("hand_pairs", HAND_PAIRS),  # of the parts of hands

@@ -25,15 +25,8 @@ from hhsim.kernels.machine_code import call_code, run_code
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
-from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick
-from hhsim.kernels.tick.evaluation import (
-    REACH_FLOOR,
-    end_work,
-    is_budget_spent,
-    least_distance,
-    set_haptic,
-    spent_units,
-)
+from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick, set_haptic
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, least_distance, spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
 from hhsim.kernels.tick.restoration import (
     TRUST_DECAY,
@@ -43,7 +36,14 @@ from hhsim.kernels.tick.restoration import (
     take_back,
     take_free_share,
 )
-from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_LAG, STATUS_SNAP, WORK_COUNTERS, WORK_TOUCHING
+from hhsim.kernels.tick.state import (
+    STATUS_CAPACITY_EXCEEDED,
+    STATUS_LAG,
+    STATUS_SNAP,
+    WORK_COUNTERS,
+    WORK_LINEARISATIONS,
+    WORK_TOUCHING,
+)
 from hhsim.kernels.tick.step import (
     DURATION_DETECT,
     DURATION_FINGERS,
@@ -66,30 +66,10 @@ from hhsim.kernels.tick.tick import (
     update_reach,
 )
 from hhsim.kernels.world.body import drive_body
-from hhsim.kernels.world.columns import States, body_count, hand_count, is_still, pair_count
+from hhsim.kernels.world.columns import is_still
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
 from hhsim.kernels.world.meeting import bear_meetings
-from hhsim.kernels.world.pairs import (
-    BACK,
-    BEAR,
-    BEGIN,
-    DAMP,
-    END,
-    HOLD,
-    KEEP,
-    MOVE,
-    SEE,
-    SNAP,
-    TABLE,
-    TAKE,
-    TURN,
-    World,
-    ask_bodies,
-    measure,
-    mover_of,
-    rebuild,
-    surface_at,
-)
+from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
 
 STILL = 2e-3
@@ -101,37 +81,24 @@ ON_THE_WAY = 20.0
 @jit
 def _goes_alone(method: World) -> bool:
     """Return True for one hand beside what stands still."""
-    return as_bool(method.bodies == 0 and hand_count(method.world[0].problem) == 1)
-
-
-@jit
-def _begin_motion(method: World, state: Record) -> None:
-    """Begin the tick of all pairs: bodies go on by themselves, and a hand alone as its last tick moved it."""
-    problem = method.world[0].problem
-    if method.bodies != 0:
-        ask_bodies(method, BEGIN, 0.0)
-        return
-    for p in range(1, pair_count(problem)):
-        begin_tick(method.options, method.states[p])
-    if hand_count(problem) == 1:
-        predict_pose(method.options, method.movers[0], method.surfaces[0], state)
+    return as_bool(method.bodies == 0 and method.world[0].problem.hands == 1)
 
 
 @jit
 def _take_back(method: World) -> None:
     """Return to the last poses without penetration."""
     world = method.world[0]
-    for p in range(pair_count(world.problem)):
+    for p in range(world.problem.pairs):
         take_back(method.states[p])
         method.states[p].progress.failed_steps = 0
-    ask_bodies(method, BACK, 0.0)
+    ask_bodies(method, STAGE.BACK, 0.0)
 
 
 @jit
 def _retry(method: World, state: Record) -> bool:
     """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
     _take_back(method)
-    for p in range(0 if state.prediction.is_predicted else pair_count(method.world[0].problem)):
+    for p in range(0 if state.prediction.is_predicted else method.world[0].problem.pairs):
         method.states[p].trust.radius *= TRUST_DECAY
     state.prediction.is_predicted = False
     return measure(method)
@@ -150,7 +117,7 @@ def recover(method: World, state: Record) -> bool:
     if state.progress.failed_steps > 0 or state.prediction.is_predicted:
         return _retry(method, state)
     if not state.program.holds_abduction:
-        for p in range(pair_count(method.world[0].problem)):
+        for p in range(method.world[0].problem.pairs):
             method.states[p].program.holds_abduction = True
         return True
     return False
@@ -162,22 +129,12 @@ def _find_loads(method: World, fraction: float, state: Record) -> None:
     world, states = method.world[0], method.states
     problem = world.problem
     if method.bodies != 0:
-        ask_bodies(method, BEAR, fraction)
+        ask_bodies(method, STAGE.BEAR, fraction)
     else:
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             first, last = problem.first[h], problem.last[h]
             bear_contacts(state.contacts, first, last, world.loaded, states[h].warm)
     bear_meetings(states, world.hand_pairs)
-
-
-@jit
-def _move_all(method: World, fraction: float, state: Record) -> None:
-    """Make a share of the step of hands and bodies, and find what bears it."""
-    _find_loads(method, fraction, state)
-    ask_bodies(method, MOVE, fraction)
-    for p in range(pair_count(method.world[0].problem)):
-        each = method.states[p]
-        move(each.pose, each.step.delta, each.problem.abduction_step, fraction)
 
 
 @jit
@@ -185,11 +142,11 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     """Let the present poses be the safe ones; returns whether the tick is done."""
     world, states, options = method.world[0], method.states, method.options
     problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
-    ask_bodies(method, KEEP, 0.0)
+    ask_bodies(method, STAGE.KEEP, 0.0)
     if pairs.kept < 0.0:
         pairs.kept = min(pairs.least[CROSS], 0.0)
-    done = held = as_bool(still or ask_bodies(method, HOLD, 0.0) > 0.0)
-    for p in range(pair_count(problem)):
+    done = held = as_bool(still or ask_bodies(method, STAGE.HOLD, 0.0) > 0.0)
+    for p in range(problem.pairs):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
         states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
         done = (arrived or (still and states[p].progress.snaps)) and done
@@ -198,7 +155,7 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     if pairs.crossing > 0 and longest > options.step_tolerance:
         # Hands that meet bend their rows: they have not arrived after a whole step that is long.
         done = False
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             if states[h].progress.lag == 0.0:
                 states[h].progress.lag = longest
     return as_bool(done)
@@ -216,7 +173,7 @@ def _fail(method: World, fraction: float, longest: float, full_motion: float, cl
         keep_first_step(options, fraction, clearance, -least_distance(state), state)
     # Were this the tick's last step it would be taken back, and nothing of it made.
     progress.failed_steps += 1
-    for p in range(pair_count(world.problem)):
+    for p in range(world.problem.pairs):
         states[p].progress.failed_steps = progress.failed_steps
         states[p].progress.lag = max(full_motion, longest)
     if progress.failed_steps <= MOST_FAILED_STEPS:
@@ -236,7 +193,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     """Make as much of the step as the listed pairs allow, and judge it by the true distances; True ends the tick."""
     world = method.world[0]
     options, problem, progress, states = method.options, world.problem, state.progress, method.states
-    pairs, still = pair_count(problem), is_still(problem)
+    pairs, still = problem.pairs, is_still(problem)
     # A program may miss a joint limit by its tolerance, and the next one would start from there: with a palm that is a
     # million times stiffer than a joint that adds up.
     for p in range(pairs):
@@ -250,12 +207,14 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
             longest = max(longest, world.longest[p])
     else:
         fraction, longest = allowed_share(method)
-    for h in range(hand_count(problem) if still else 0):
+    for h in range(problem.hands if still else 0):
         hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
-    _move_all(method, fraction, state)
+    _find_loads(method, fraction, state)
+    ask_bodies(method, STAGE.MOVE, fraction)
     for p in range(pairs):
         motion = world.longest[p]
+        move(states[p].pose, states[p].step.delta, states[p].problem.abduction_step, fraction)
         # Twice the step: where contacts change, the next one may be longer, and cut short by the reach, make that grow.
         foreseen = REACH_FLOOR * max(options.step_tolerance, motion)
         if not still:
@@ -265,7 +224,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     if not still:
-        least = min(least, ask_bodies(method, TABLE, 0.0))
+        least = min(least, ask_bodies(method, STAGE.TABLE, 0.0))
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
@@ -273,7 +232,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
         done = bool(progress.pairs_overflow)
     elif least < 0.0:
         done = _fail(method, fraction, longest, full_motion, clearance, state)
-    elif not still and ask_bodies(method, DAMP, 0.0) > 0.0:
+    elif not still and ask_bodies(method, STAGE.DAMP, 0.0) > 0.0:
         _take_back(method)
         done = not measure(method)
     else:
@@ -300,20 +259,20 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     # Rows of pairs that are near come with the steps that break them.
     pairs, within = world.hand_pairs, (world.hand_pairs.within[OWN], world.hand_pairs.within[CROSS])
     pairs.count, pairs.within[:], state.program.is_coupled = 0, near, True
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
         method.states[h].meeting.bends = False
     world.curved = False
     count = prepare(method, near, state)
-    for h in range(hand_count(problem) if count >= 0 else 0):
+    for h in range(problem.hands if count >= 0 else 0):
         # What is inside, where parts left no place, stays as deep as it is.
         for i in range(problem.first[h], problem.last[h]):
             problem.rhs[i] = min(problem.rhs[i], 0.0)
     if count >= 0 and solve_with_pairs(method, count, as_bool(False), state, qp) == OPTIMAL:
         _find_loads(method, 0.0, state)
-        for h in range(hand_count(problem)):
+        for h in range(problem.hands):
             copy_active(method.states[h].warm, method.states[h].active)
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
     pairs.within[OWN], pairs.within[CROSS], state.program.is_coupled = within[OWN], within[CROSS], coupled
     duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
@@ -346,37 +305,38 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     """Return to the last poses without penetration, take the velocities, the forces and the status bits."""
     world = method.world[0]
     options, progress, states, problem = method.options, state.progress, method.states, world.problem
-    cut_short, still = is_budget_spent(options, state), is_still(problem)
+    cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
+    still = is_still(problem)
     pairs_overflow, made_part = _finish_way(method, state)
-    ask_bodies(method, SEE, 0.0)
-    for p in range(pair_count(problem)):
+    ask_bodies(method, STAGE.SEE, 0.0)
+    for p in range(problem.pairs):
         each = states[p]
         # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
-        snaps = as_bool((each.progress.snaps or (world.damping > 0.0 and p < hand_count(problem))) and not still)
+        snaps = as_bool((each.progress.snaps or (world.damping > 0.0 and p < problem.hands)) and not still)
         each.progress.snaps = each.progress.snaps and not snaps
         world.status[p] = tick_status(cut_short, made_part, each)
         if snaps and progress.is_accepted:
-            ask_bodies(method, SNAP, float(p))
+            ask_bodies(method, STAGE.SNAP, float(p))
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
-        if p >= hand_count(problem):
+        if p >= problem.hands:
             # A body that has distance still to go past another one has it whatever the hand has.
             world.status[0] |= world.status[p] & STATUS_LAG
-    ask_bodies(method, END, 0.0)
+    ask_bodies(method, STAGE.END, 0.0)
     lags = False
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         lags = lags or world.status[h] & STATUS_LAG != 0
     if method.solving != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
         suspend_decoupling(state)
     if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yielded(state)):
         near = max(options.touch, ON_THE_WAY * options.offset) if lags else options.touch
         settle_forces(method, near, state, qp)
-    for h in range(hand_count(problem)):
+    for h in range(problem.hands):
         each = states[h]
         if not progress.is_accepted and not still:
             each.active.count = 0
         each.work[WORK_TOUCHING] = 0
-        for p in range(pair_count(problem)):
+        for p in range(problem.pairs):
             if problem.hand[p] == h and problem.other[p] < 0:
                 given = surface_at(method, p), mover_of(method, p), states[p].candidates
                 _, near_pairs = pairs_near(*given, options.touch)
@@ -385,8 +345,8 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
             find_surface_contacts(*shown, options.touch, each.contacts)
     lap(DURATION_DETECT, state)
-    ask_bodies(method, TURN, 0.0)
-    for h in range(hand_count(problem)):
+    ask_bodies(method, STAGE.TURN, 0.0)
+    for h in range(problem.hands):
         each = states[h]
         snaps = each.progress.snaps or each.progress.snapped > 0
         hand_forces(options, as_bool(still and snaps), each)
@@ -402,28 +362,28 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
 
 
 @jit
-def _may_end(method: World, state: Record) -> bool:
-    """Return whether a tick whose work budget is spent may end before a step was accepted: that of a hand alone.
-
-    Bodies would stop, and two hands that meet, whose programs take many times the work, would try the same for ever.
-    """
-    return as_bool(state.progress.is_accepted or _goes_alone(method))
-
-
-@jit
 def follow(method: World, state: Record, qp: QpWork) -> int:
     """Go from linearisation to linearisation until all have arrived; returns the first hand's status bits."""
     options, progress = method.options, state.progress
     # By flat programs a hand that moves would creep towards where it comes to rest.
     moves = progress.path > STILL * options.offset
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
-    ask_bodies(method, TAKE, 0.0)
+    ask_bodies(method, STAGE.TAKE, 0.0)
     begin_tick(options, state)
     state.step.lap = monotonic_ns()
-    _begin_motion(method, state)
+    if method.bodies != 0:
+        ask_bodies(method, STAGE.BEGIN, 0.0)
+    else:
+        for p in range(1, method.world[0].problem.pairs):
+            begin_tick(options, method.states[p])
+    if _goes_alone(method):
+        predict_pose(options, method.movers[0], method.surfaces[0], state)
     status = as_int64(0)
     for done in range(options.linearisations):
-        if done > 0 and _may_end(method, state) and spent_units(state) >= options.budget:
+        # Without a step accepted only a hand alone may end: bodies would stop, and two hands that meet, whose programs
+        # take many times the work, would try the same for ever.
+        may_end = done > 0 and (progress.is_accepted or _goes_alone(method))
+        if may_end and spent_units(state) >= options.budget:
             break
         # With pairs missing from the lists a program could miss a contact.
         solved, full_motion = as_int64(OVERFLOW), WHOLE_TARGET
@@ -448,19 +408,19 @@ TICK, REBUILD, MEASURE = 0, 1, 2
 
 
 @jit
-def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
+def tick_world(method: World, qp: QpWork, asked: int) -> int:
     """Make one tick of all hands and bodies on the input that they have; returns the first hand's status bits.
 
     Asked to `REBUILD` it takes all as it stands, and to `MEASURE` the poses of hands that went on alone: 0, or -1 where
     the pairs do not fit. It is one function, since each of them would be compiled with the whole detection.
     """
     if asked == REBUILD:
-        return as_int64(0 if rebuild(method, states) else -1)
+        return as_int64(0 if rebuild(method) else -1)
     if asked == MEASURE:
         return as_int64(0 if measure(method) else -1)
     if method.giving == 0:
-        return as_int64(follow(method, states[0], qp))
-    world, state = method.world[0], states[0]
+        return as_int64(follow(method, method.states[0], qp))
+    world, state = method.world[0], method.states[0]
     world.status[0] = call_code(method.giving, (method.given, method, qp))
     if world.status[0] == 0:
         follow(method, state, qp)
@@ -475,7 +435,6 @@ def tick_world(method: World, states: States, qp: QpWork, asked: int) -> int:
 @jit
 def run_many(
     method: World,
-    states: States,
     qp: QpWork,
     haptic: HapticBlock,
     record: TickRecord,
@@ -488,24 +447,16 @@ def run_many(
     Inputs and record have the hand as their first axis. `driven` has position [m] and orientation of each body's centre
     at each tick, (K, B, 7), read of driven ones. `code` is that of `tick_world`.
     """
-    world = method.world[0]
-    hands = hand_count(world.problem)
+    world, states, hands = method.world[0], method.states, method.world[0].problem.hands
     for i in range(haptic.position.shape[1]):
         cpu = thread_team_cpu_ns(states[0].thread_team)
         wall = monotonic_ns()
         for h in range(hands):
-            world.taken[h] = set_haptic(
-                method.movers[h],
-                haptic.position[h, i],
-                haptic.orientation[h, i],
-                haptic.flexion[h, i],
-                haptic.abduction[h, i],
-                states[h],
-            )
-        for k in range(body_count(world.problem)):
+            world.taken[h] = set_haptic(method.movers[h], haptic, (h, i), states[h])
+        for k in range(world.problem.bodies):
             if world.bodies[k].is_driven == 1:
                 drive_body(world.bodies[k], driven[k, i])
-        call_code(code, (method, states, qp, as_int64(TICK)))
+        call_code(code, (method, qp, as_int64(TICK)))
         wall = monotonic_ns() - wall
         cpu = thread_team_cpu_ns(states[0].thread_team) - cpu
         for h in range(hands):

@@ -87,8 +87,7 @@ def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, A
     state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
     paper.closed = closed
     set_pose(hand, state.pose, at)
-    frustum_shapes(hand.arrays(), paper.shapes)
-    paper.lowest[:], paper.highest[:] = hand.flexion_min, hand.flexion_max
+    frustum_shapes(hand.arrays(), paper.frustum)
     return state, paper
 
 
@@ -144,7 +143,7 @@ def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed
 def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: FloatArray, f: int) -> None:
     hand, _, at, state, paper = scene(seed, angles=angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
-    rows = finger_program(f, state, paper)
+    rows = finger_program(hand.arrays(), f, state, paper)
 
     def constraints(flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
         angles = at.flexion[0].copy()
