@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from conftest import sampled
+from contact_scenes import moved
 from scipy.optimize import NonlinearConstraint, brentq, minimize, nnls
-from scipy.spatial.transform import Rotation
 from sphere_scenes import brute_pairs, sphere_tree
 
 from hhsim.arrays import FloatArray
@@ -57,23 +57,12 @@ def hold(tree: SphereTree, goal: HandConfiguration, away: FloatArray, **options:
     return Answer(record, chosen)
 
 
-def configuration(goal: HandConfiguration, offset: FloatArray) -> HandConfiguration:
-    """The hand at an offset (δp, δφ, δθ), shape (21,), from the haptic one."""
-    turned = Rotation.from_rotvec(offset[3:6]) * Rotation.from_quat(goal.orientation[0], scalar_first=True)
-    return HandConfiguration(
-        goal.position + offset[:3],
-        turned.as_quat(scalar_first=True)[None],
-        goal.flexion + offset[6:].reshape(1, 5, 3),
-        goal.abduction,
-    )
-
-
 def equilibrium(tree: SphereTree, goal: HandConfiguration, stiffness: Stiffness) -> FloatArray:
     """Offset (21,) of least coupling energy with every true distance at least ε, by scipy."""
     root = np.sqrt(stiffness.diagonal())
 
     def clearance(x: FloatArray) -> FloatArray:
-        pairs = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, configuration(goal, x / root))
+        pairs = brute_pairs(HAND, tree.leaf_center, tree.leaf_radius, moved(goal, x / root))
         # In millimetres, so that scipy's tolerances mean the same for distances and energies.
         return 1e3 * (pairs.ravel() - OFFSET)
 
@@ -116,7 +105,7 @@ def raised(
 
 def assert_known(answer: Answer, goal: HandConfiguration, offset: FloatArray) -> None:
     """Every joint and the palm to 1 µm, total force and palm wrench to 0.1 %."""
-    at = configuration(goal, offset)
+    at = moved(goal, offset)
     joints = HAND.joints(*at.at(0))
     assert np.linalg.norm(answer.record.joints[-1] - joints, axis=2).max() < POSE
     assert np.linalg.norm(answer.record.position[-1] - at.position[0]) < POSE

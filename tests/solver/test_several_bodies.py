@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from coulomb_program import last_program, solve_coulomb
 from free_scenes import all_ticks, body_of, box, far_hand, solver_of
+from mesh_oracle import shift_of_boxes
 from numpy.typing import ArrayLike
 
 from hhsim.arrays import FloatArray
@@ -61,18 +62,6 @@ def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
     np.testing.assert_allclose(program.found, wanted, atol=1e-6 * np.abs(program.target).max())
 
 
-def separation(one: tuple[FloatArray, FloatArray, FloatArray], two: tuple[FloatArray, FloatArray, FloatArray]) -> float:
-    """Distance of two boxes along their best separating axis [m], negative where there is none; centre, turn, edges."""
-    axes = [*one[1].T, *two[1].T, *(np.cross(a, b) for a in one[1].T for b in two[1].T)]
-    found = -np.inf
-    for axis in axes:
-        size = float(np.linalg.norm(axis))
-        if size > 1e-6:
-            reach = sum(float(np.abs(axis @ turn) @ edges) for _, turn, edges in (one, two))
-            found = max(found, (abs(float(axis @ (two[0] - one[0]))) - 0.5 * reach) / size)
-    return found
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -> None:
     rng, ticks_run = np.random.default_rng(seed), 400
@@ -95,11 +84,9 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf
     for i in range(0, ticks_run, 4):
-        boxes = []
-        for turn, body, of, edge in zip(turns, ticks.bodies, bodies, edges):
-            boxes.append((turn[i] @ np.array(of.solid.center) + body.shift[i], turn[i], edge))
-        least = min(least, *(separation(boxes[a], boxes[b]) for a in range(3) for b in range(a)))
-        least = min(least, *(c[2] - 0.5 * float(np.abs(turn[2]) @ edge) for c, turn, edge in boxes))
+        boxes = [of.mesh.vertices @ turn[i].T + body.shift[i] for turn, body, of in zip(turns, ticks.bodies, bodies)]
+        least = min(least, *(-shift_of_boxes(boxes[a], boxes[b]) for a in range(3) for b in range(a)))
+        least = min(least, *(corners[:, 2].min() for corners in boxes))
     assert least >= 0.0
     assert not (record.status & 1).any()
     settled = record.status[1:] == 0

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_scenes import LEFT, RIGHT, ROOT, assert_grouped, in_contact, moved, pair_of, row_matrix, scene
+from contact_scenes import LEFT, RIGHT, ROOT, assert_grouped, in_contact, moved, pair_of, posed, row_matrix, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sphere_scenes import PALM, brute_pairs, bumpy_ball, cloud, pose_of, random_hand, set_pose, sphere_tree, tick_state
@@ -19,7 +19,7 @@ from hhsim.kernels.contact.hand_pairs import hands_distance, measure_pairs, next
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, drop_redundant_contacts, limit_start
 from hhsim.kernels.contact.lists import PHALANX_CAPACITY
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, motion_bounds
-from hhsim.kernels.hand.pose import HAND_POSE, copy_configuration, move, update_kinematics
+from hhsim.kernels.hand.pose import copy_configuration, move, update_kinematics
 from hhsim.metrics.metrics import distance_of_hands
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.options import SolverOptions
@@ -274,12 +274,6 @@ def place(pairs: Any, seed: int) -> list[HandConfiguration]:
     for hand, state, at in zip(HANDS, pairs.states, found):
         set_pose(hand, state.pose, at)
     return found
-
-
-def posed(hand: HandModel, at: HandConfiguration) -> Any:
-    here = np.zeros(1, HAND_POSE).view(np.recarray)[0]
-    set_pose(hand, here, at)
-    return here
 
 
 def judged(hand: HandModel, at: HandConfiguration) -> FloatArray:

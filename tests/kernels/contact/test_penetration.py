@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_oracle import Cones, along_axes
+from mesh_oracle import Cones, along_axes, box_distance
 from scipy.spatial.transform import Rotation
 from sphere_scenes import sphere_tree
 
@@ -107,13 +107,6 @@ def distance(
     return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, work)
 
 
-def cube_distance(points: FloatArray) -> FloatArray:
-    """Signed distance of points to the cube in closed form."""
-    over = np.abs(points) - HALF
-    outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
-    return np.asarray(np.where(over.max(axis=1) > 0.0, outside, over.max(axis=1)))
-
-
 @pytest.mark.parametrize(
     ("a", "b", "radius_a", "radius_b", "expected"),
     [
@@ -150,12 +143,12 @@ def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
     hand_mesh_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, np.inf, RESOLUTION, found)
     tips = np.empty((1, 5))
     hand_tip_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, 0.004, RESOLUTION, tips)
-    parts = [cube_distance(center + position[0]) - palm_radius]
+    parts = [box_distance(center + position[0], HALF) - palm_radius]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     for f in range(5):
         for k in range(3):
             axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
-            parts.append(cube_distance(axis) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
+            parts.append(box_distance(axis, HALF) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
         # Inside it is the ball of the end.
         expected = parts[-1].min() if parts[-1][-1] >= 0.0 else parts[-1][-1]
         assert tips[0, f] == pytest.approx(min(expected, 0.004), abs=2e-5)

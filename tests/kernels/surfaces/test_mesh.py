@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from conftest import sampled
 from contact_scenes import moved
-from mesh_oracle import Cones, along_axes, from_triangles, least_of_features, random_cones
+from mesh_oracle import Cones, along_axes, box_distance, from_triangles, least_of_features, random_cones
 from sphere_scenes import PALM, palm_spheres, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray, IntArray
@@ -226,12 +226,6 @@ def test_a_cone_and_a_triangle_by_search_along_its_axis(count: int, seed: int) -
         if not through[i]:
             assert least == pytest.approx(expected[i], abs=FREE_OF_ROUNDING)
     assert 0.004 * count < through.sum() < 0.5 * count
-
-
-def box_distance(points: FloatArray, half: float) -> FloatArray:
-    """Signed distance [m] of points, (N, 3), from a cube about the origin, in closed form."""
-    beyond = np.abs(points) - half
-    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
 
 
 def test_way_out_of_a_cube_against_the_closed_form() -> None:
