@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import ball, flat_tree, object_tree, record_clearance
+from sphere_scenes import ball, object_tree, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.scene import closure_search
@@ -23,29 +22,19 @@ from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distan
 from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.build_closures import searched
 
 HAND = HandModel.default()
-TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
-
-
-def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
-    random = np.random.default_rng(seed)
-    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
-    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
-    work = make_work(HAND.arrays(), TREE.arrays())
-    distance = body_distances(position, rotation, flexion, np.zeros(5), work)
-    return position, rotation, work.joints.copy(), distance
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) -> None:
-    position, rotation, joints, _ = pose(seed)
-    touch, coarse = Touch("middle", "inside"), COARSE
+    random, work = np.random.default_rng(seed), make_work(HAND.arrays(), object_tree("cup", 3).arrays())
+    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
+    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
+    body_distances(position, rotation, flexion, np.zeros(5), work)
+    touch, coarse, joints = Touch("middle", "inside"), object_tree("cup", 2), work.joints
     (found,) = touch_distances([touch], "cup", HAND, coarse, joints, position, rotation)
     best = np.inf
     for k in range(3):
@@ -77,13 +66,13 @@ def cluster(seed: int, count: int = 60) -> SphereTree:
     center = rng.normal(size=(count, 3))
     center /= np.linalg.norm(center, axis=1, keepdims=True)
     center *= rng.uniform(0.4, 1.0, size=(count, 1)) * rng.uniform(0.025, 0.04, size=3)
-    return flat_tree(center, rng.uniform(0.006, 0.012, size=count))
+    return sphere_tree(center, rng.uniform(0.006, 0.012, size=count))
 
 
 def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.015) -> SphereTree:
     axes = [np.linspace(-s / 2 + step / 2, s / 2 - step / 2, round(s / step)) for s in size]
     center = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return flat_tree(center, np.full(len(center), 0.8 * step))
+    return sphere_tree(center, np.full(len(center), 0.8 * step))
 
 
 def near(
@@ -139,15 +128,6 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
         assert travel == 1.0
 
 
-def close(
-    hand: HandArrays, tree: SphereTree, finger: int, position: FloatArray, rotation: FloatArray, rate: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
-    work = make_work(hand, tree.arrays())
-    kernel.close_finger(position, rotation, finger, rate, np.zeros(5), flexion, work, touching)
-    return flexion, touching[finger]
-
-
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 4))
 def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: int) -> None:
@@ -159,15 +139,17 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
     own = slice(3 * finger, 3 * finger + 3)
     if near(HAND, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
         return
-    flexion, touching = close(hand, tree, finger, np.zeros(3), np.eye(3), rate)
+    flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
+    work = make_work(hand, tree.arrays())
+    kernel.close_finger(np.zeros(3), np.eye(3), finger, rate, np.zeros(5), flexion, work, touching)
     others = np.delete(flexion, finger, axis=0)
     assert (others == 0.0).all()
     reached = near(HAND, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
     assert (reached > 0.0).all()
-    assert (reached[touching == 1.0] <= kernel.CONTACT).all()
+    assert (reached[touching[finger] == 1.0] <= kernel.CONTACT).all()
     # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
     for k in range(3):
-        held = touching[k:].any()
+        held = touching[finger, k:].any()
         assert held or flexion[finger, k] == pytest.approx(hand.flexion_max[finger, k], abs=1e-8)
 
 
@@ -200,10 +182,6 @@ def test_what_no_finger_can_reach_is_refused() -> None:
 DUE = "not what ships: raise SEARCH_VERSION if the search changed, and run `python -m tools.build_closures`"
 
 
-def tree_of(name: str, level: int) -> SphereTree:
-    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=level))
-
-
 @pytest.fixture
 def searches(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """A name for each search of a process that has searched for nothing."""
@@ -228,13 +206,12 @@ def test_all_that_ship_are_what_the_search_finds() -> None:
 
 
 def test_the_catalogue_needs_no_search(searches: list[str]) -> None:
-    item = load_object("bunny")
-    plan_finger_closure(load_script("grasp"), HandModel.default(), tree_of("bunny", item.level))
+    plan_finger_closure(load_script("grasp"), HandModel.default(), object_tree("bunny"))
     assert searches == []
 
 
 def test_a_search_is_kept_by_the_process(searches: list[str]) -> None:
-    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    question = load_script("pinch"), HandModel.default(hand_length=0.2), object_tree("cube", 2)
     first = plan_finger_closure(*question)
     found = encoded(first)
     first.open[:] = 0.0
