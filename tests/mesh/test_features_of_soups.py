@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import merged_vertices
@@ -179,16 +178,6 @@ SAME = 2e-10
 POSES, TRIES = 10, 20
 
 
-def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
-    vertices, faces = indexed(triangles)
-    closed = encloses(Mesh(vertices, faces))
-    return mesh_features(vertices, faces, closed=closed)[0], closed
-
-
-def goes_around(triangles: FloatArray, point: FloatArray) -> bool:
-    return bool(by_arctangents(triangles, point[None])[0] > 0.5)
-
-
 @pytest.mark.parametrize(
     ("kind", "first"), sampled([(kind, first) for first in range(0, 80, 2) for kind in SOUPS], lambda i, _: i in (0, 3))
 )
@@ -196,11 +185,13 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
     judged = 0
     for seed in range(first, first + 2):
         triangles, random = soup(kind, seed)
-        mesh, closed = features_of(triangles)
+        vertices, faces = indexed(triangles)
+        closed = encloses(Mesh(vertices, faces))
+        mesh, _ = mesh_features(vertices, faces, closed=closed)
         wanted = judged + POSES
         for _ in range(TRIES * POSES):
             cones = touching_cone(random, triangles)
-            if closed and goes_around(triangles, cones.a[0]):
+            if closed and by_arctangents(triangles, cones.a)[0] > 0.5:
                 continue
             distance = least_distance(cones, triangles)
             if distance > 0.0:
