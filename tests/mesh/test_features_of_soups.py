@@ -99,10 +99,6 @@ def _slivers(random: np.random.Generator) -> FloatArray:
     return np.array(triangles)
 
 
-def _box(random: np.random.Generator, size: float | None = None) -> FloatArray:
-    return np.asarray((BOX * (random.uniform(0.005, 0.04, 3) if size is None else size))[BOX_FACES])
-
-
 def _halved(triangles: FloatArray) -> FloatArray:
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
@@ -110,7 +106,7 @@ def _halved(triangles: FloatArray) -> FloatArray:
 
 
 def _bumpy(random: np.random.Generator) -> FloatArray:
-    triangles = _box(random)
+    triangles = (BOX * random.uniform(0.005, 0.04, 3))[BOX_FACES]
     for _ in range(random.integers(0, 3)):
         triangles = _halved(triangles)
     vertices, faces = indexed(triangles)

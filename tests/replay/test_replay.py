@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import sampled
 from short_grasp import shortened
-from sphere_scenes import bumpy_ball, random_targets, record_clearance, result_clearance
+from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance, result_clearance
 
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
@@ -30,8 +30,6 @@ from hhsim.solver import scene_solver
 from hhsim.solver.hand_solver import HandSolver, WarmUp
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import coarsest_sphere_tree
 from tools.shapes.generators import sphere
 
@@ -192,9 +190,9 @@ def test_a_budget_ends_the_tick_and_leaves_lag_and_nothing_worse(method: str) ->
 
 def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
     mesh = load_object("cube").mesh
-    bound = {level: cached_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)}
     for level in (1, 2, 3):
-        tree = coarsest_sphere_tree(mesh, 1.001 * bound[level])
-        assert (tree.depth, tree.errors[-1].bound) == (level, bound[level])
+        bound = object_tree("cube", level).errors[-1].bound
+        tree = coarsest_sphere_tree(mesh, 1.001 * bound)
+        assert (tree.depth, tree.errors[-1].bound) == (level, bound)
     with pytest.raises(InputError, match="it must be positive and finite"):
         coarsest_sphere_tree(mesh, 0.0)

@@ -82,7 +82,7 @@ def test_a_driven_body_begins_where_its_joint_has_it_and_goes_on_from_there(tmp_
     scene = open_scene(word, "never", solid=False, level=2)
     wall = scene.solids[1]
     np.testing.assert_allclose(wall.placed_mesh.bounds, [[0.15, -0.03, 0.0], [0.25, 0.07, 0.1]], atol=1e-12)
-    assert isinstance(wall.motion, Driven) and wall.motion.values is not None
+    assert isinstance(wall.motion, Driven)
     wanted = np.interp(scene.ticks.time, [0.0, 1.0], [0.02, 0.1])
     np.testing.assert_allclose(wall.motion.values, wanted, atol=1e-12)
     shift = wall.motion.poses.position - [0.2, 0.0, 0.05]
@@ -130,7 +130,6 @@ def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
     scene = open_scene("laptop", "open", solid=False, level=2)
     seen = seen_scene(scene)
     parts = seen.parts
-    assert parts is not None
     lid = parts.values["lid"]
     assert parts.path.shape == (scene.ticks.tick_count, 2, 7)
     assert lid[0] == 0.35

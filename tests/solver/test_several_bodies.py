@@ -21,7 +21,6 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import Stiffness
 
 DT, G = 1e-3, 9.81
 NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "friction": 0.0}
@@ -173,23 +172,18 @@ def test_a_press_stops_where_a_block_is_in_its_way_and_goes_on_where_it_is_not()
 HAND = HandModel.default()
 
 
-def harass(name: str, mass: float, stiffness: Stiffness, ticks: int, seed: int) -> float:
-    """Throw the hand about an object on a table, and look at every tick; how far the object gets [m]."""
-    mesh = load_object(name).mesh
-    lowest = float(mesh.bounds[0, 2])
-    solver = solver_of(body_of(mesh, mass=mass, torsion=2e-3), HAND, table=lowest, stiffness=stiffness)
-    record = solver.run(*RandomTargets(HAND, seed).take(ticks))
+def test_a_hand_thrown_about_enters_nothing() -> None:
+    # Beside an object on a table; every tick is looked at.
+    mesh, ticks = load_object("cube").mesh, 400
+    solver = solver_of(body_of(mesh, mass=0.1, torsion=2e-3), HAND, table=float(mesh.bounds[0, 2]))
+    record = solver.run(*RandomTargets(HAND, 1).take(ticks))
     moved = solver.object_ticks
     rows = moved.contact[-1]
     values = (*record, *(field[:rows] if len(field) > ticks + 1 else field for field in moved))
     assert all(np.isfinite(value).all() for value in values)
     assert recorded_penetration(HAND, solver.workspace.surface, record).depth.max() == 0.0
     assert moved.table_distance.min() >= 0.0
-    return float(np.linalg.norm(moved.shift[-1]))
-
-
-def test_a_hand_thrown_about_enters_nothing() -> None:
-    assert harass("cube", 0.1, Stiffness(), 400, seed=1) > 1e-3
+    assert float(np.linalg.norm(moved.shift[-1])) > 1e-3
 
 
 def test_a_file_has_the_properties_of_a_free_body_and_of_its_table() -> None:

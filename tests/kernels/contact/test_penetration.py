@@ -22,7 +22,7 @@ from hhsim.kernels.contact.mesh_distance import (
 )
 from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
@@ -81,13 +81,6 @@ CUBE = trimesh.creation.box((2 * HALF,) * 3)
 CUBE_BVH = build_mesh_bvh(np.array(CUBE.vertices, np.float64), np.array(CUBE.faces, np.int64))
 
 
-def distance(
-    bvh: MeshBvh, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float = np.inf
-) -> float:
-    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
-    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, work)
-
-
 @pytest.mark.parametrize(
     ("a", "b", "radius_a", "radius_b", "expected"),
     [
@@ -105,7 +98,9 @@ def distance(
 def test_known_distances(
     a: tuple[float, ...], b: tuple[float, ...], radius_a: float, radius_b: float, expected: float
 ) -> None:
-    assert distance(CUBE_BVH, np.array(a), np.array(b), radius_a, radius_b) == pytest.approx(expected, abs=1e-15)
+    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
+    cone = np.array(a), np.array(b), radius_a, radius_b
+    assert round_cone_mesh_distance(CUBE_BVH, *cone, np.inf, RESOLUTION, work) == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize("height", [0.06, 0.072, 0.0])
