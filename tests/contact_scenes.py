@@ -33,17 +33,18 @@ def moved(at: HandConfiguration, step: FloatArray, abduction_step: FloatArray | 
     )
 
 
+def transform(rotation: Rotation, translation: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
+    """A rotation and a translation after it as a matrix (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), translation
+    return matrix
+
+
 def body_frames(hand: HandModel, at: HandConfiguration) -> FloatArray:
     """Frames of the phalanges and of the palm in the world, (16, 4, 4); y is along a phalanx, z dorsal.
 
     By T_world_palm T_palm_finger R_abduction Π R_x(-θ) T(0, L, 0), from the hand's definition.
     """
-
-    def transform(rotation: Rotation, translation: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), translation
-        return matrix
-
     palm, frames = transform(Rotation.from_quat(at.orientation[0], scalar_first=True), at.position[0]), []
     for f in range(5):
         axes = [np.cross(hand.distal[f], hand.dorsal[f]), hand.distal[f], hand.dorsal[f]]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import transform
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -357,17 +358,11 @@ def test_poses_are_the_products_of_homogeneous_matrices(
     )
     poses = DeclaredBodies("bodies", bodies, {}).path(np.array([0.0]))
 
-    def matrix(turn: Rotation, place: np.ndarray) -> np.ndarray:
-        out = np.eye(4)
-        out[:3, :3], out[:3, 3] = turn.as_matrix(), place
-        return out
-
-    none, unit = Rotation.identity(), np.array(axis) / np.linalg.norm(axis)
-    base = matrix(none, np.array(position))
-    about = matrix(none, np.array(origin)) @ matrix(Rotation.from_rotvec(angle * unit), np.zeros(3))
-    about = about @ matrix(none, -np.array(origin))
-    lid = base @ about @ matrix(Rotation.from_quat(np.roll(given_turn, -1)), np.array(position))
-    drawer = lid @ matrix(none, np.array(position) + shift * np.array(way) / np.linalg.norm(way))
+    none, unit, at = Rotation.identity(), np.array(axis) / np.linalg.norm(axis), np.array(position)
+    about = transform(none, origin) @ transform(Rotation.from_rotvec(angle * unit)) @ transform(none, -np.array(origin))
+    base = transform(none, at)
+    lid = base @ about @ transform(Rotation.from_quat(given_turn, scalar_first=True), at)
+    drawer = lid @ transform(none, at + shift * np.array(way) / np.linalg.norm(way))
     for name, expected in (("base", base), ("lid", lid), ("drawer", drawer)):
         place, orientation = poses[name]
         assert np.allclose(place[0], expected[:3, 3], atol=1e-12)

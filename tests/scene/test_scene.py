@@ -3,16 +3,14 @@
 import ast
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from conftest import sampled
+from conftest import Run, sampled
 from scipy.spatial.transform import Rotation
 from short_grasp import short_grasp_text
 from sphere_scenes import brute_pairs, bumpy_ball, object_tree
@@ -64,9 +62,6 @@ def test_a_recording_says_where_the_object_is() -> None:
     np.testing.assert_allclose(scene.solids[0].placed_tree.center, turn.apply(TREE.center) + shift, atol=1e-12)
     np.testing.assert_array_equal(scene.solids[0].placed_tree.radius, TREE.radius)
     assert scene.hands[0].trajectory.name == "five samples"
-
-
-Run = Callable[..., Any]
 
 
 def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -70,19 +71,17 @@ def soup() -> tuple[FloatArray, IntArray]:
     return place.reshape(-1, 3), np.arange(120).reshape(40, 3)
 
 
-def catalogue(name: str) -> tuple[FloatArray, IntArray]:
-    mesh = load_object(name).mesh
-    return mesh.vertices, mesh.faces
-
-
-def torus() -> tuple[FloatArray, IntArray]:
-    shape = trimesh.creation.torus(0.04, 0.012)
+def arrays(shape: Any) -> tuple[FloatArray, IntArray]:
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
+
+
+def catalogue(name: str) -> tuple[FloatArray, IntArray]:
+    return arrays(load_object(name).mesh)
 
 
 CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
     **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
-    "torus": torus,
+    "torus": lambda: arrays(trimesh.creation.torus(0.04, 0.012)),
 }
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 

@@ -1,6 +1,6 @@
 """Forces by the paper's equations recomputed from poses, and programs of real ticks by another solver."""
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions
+from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import dense_problem, solve
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -33,48 +33,41 @@ BALL = bumpy_ball(400)
 OVER_THE_BALL = np.array([0.0, -0.045, 0.058])
 
 
-class Hold(NamedTuple):
-    """A hand that has pressed on the ball until nothing moved any more."""
-
-    hand: HandModel
-    options: SolverOptions
-    haptic: HandConfiguration
-    graphic: HandConfiguration
-    record: TickRecord
+Pressed = tuple[HandConfiguration, HandConfiguration, TickRecord]
 
 
-def press(hand: HandModel, method: str, force: str, flat: bool = False, ticks: int = 400) -> Hold:
-    """From above, fingers straight, to a hand inside the ball, curled about it or flat; then hold."""
+def press(hand: HandModel, flat: bool = False, **options: Any) -> Pressed:
+    """From above, fingers straight, to a hand inside the ball, curled about it or flat, until nothing moves any more.
+
+    Returns:
+        The user's hand, the shown one, and the record of the hold.
+    """
     if flat:
         goal = still([-0.02, 0.015, 0.045], abduction=0.02)
     else:
         goal = still(OVER_THE_BALL - [0.0, 0.0, 0.006], flexion=CURL, abduction=0.02)
     start = still(goal.position[0] + [0.0, 0.0, 0.1], abduction=0.02)
-    options = SolverOptions(method=method, force=force)
-    solver = HandSolver(hand, BALL.arrays(), options)
+    solver = HandSolver(hand, BALL.arrays(), SolverOptions(**options))
     solver.run(*start.line(goal, 299))
-    record = solver.run(*goal.hold(ticks - 1))
-    graphic = HandConfiguration(
-        record.position[-1:], record.orientation[-1:], record.flexion[-1:], record.abduction[-1:]
-    )
-    return Hold(hand, options, goal, graphic, record)
+    record = solver.run(*goal.hold(399))
+    return goal, HandConfiguration.of(record).part(399), record
 
 
 @pytest.mark.parametrize("flat", [False, True], ids=["curled", "flat"])
 @pytest.mark.parametrize("method", ["coupled", "progressive"])
 def test_fingertip_forces_are_those_of_figure_9(method: str, flat: bool) -> None:
-    hold = press(RIGHT, method, "kkt", flat)
-    graphic, haptic = (hold.hand.joints(*at.at(0)) for at in (hold.graphic, hold.haptic))
+    *ends, record = press(RIGHT, flat, method=method)
+    haptic, graphic = (RIGHT.joints(*at.at(0)) for at in ends)
     pressed = 0
     for f in range(5):
-        found = hold.record.fingertip_normal[-1, f]
-        if not hold.record.phalanx[-1, f].any():
+        found = record.fingertip_normal[-1, f]
+        if not record.phalanx[-1, f].any():
             assert not found.any()
             continue
         apart = graphic[f, 3] - haptic[f, 3]
         direction = (graphic[f, 3] - graphic[f, 2]) / np.linalg.norm(graphic[f, 3] - graphic[f, 2])
         across = apart - (apart @ direction) * direction
-        expected = hold.options.stiffness.contact * np.linalg.norm(apart) * across / np.linalg.norm(across)
+        expected = Stiffness().contact * np.linalg.norm(apart) * across / np.linalg.norm(across)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
         pressed += 1
     assert pressed == 0 if flat else pressed >= 3
@@ -82,19 +75,19 @@ def test_fingertip_forces_are_those_of_figure_9(method: str, flat: bool) -> None
 
 @pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
 def test_paper_forces_are_equation_14_over_the_spheres_in_touch(hand: HandModel) -> None:
-    paper = press(hand, "coupled", "paper")
-    distance = brute_pairs(hand, BALL.leaf_center, BALL.leaf_radius, paper.graphic)
-    there, wanted = (body_frames(hand, at) for at in (paper.graphic, paper.haptic))
+    haptic, graphic, record = press(hand, force="paper")
+    distance = brute_pairs(hand, BALL.leaf_center, BALL.leaf_radius, graphic)
+    there, wanted = body_frames(hand, graphic), body_frames(hand, haptic)
     force = np.zeros((16, 3))
     touching = np.argwhere(distance <= TOUCH)
     assert len(touching) >= 3
     for row, leaf in touching:
         body = min(row, PALM)
-        normal, point = nearest_on_hand(hand, BALL, paper.graphic, row, leaf)
+        normal, point = nearest_on_hand(hand, BALL, graphic, row, leaf)
         same_point = (wanted[body] @ np.linalg.solve(there[body], [*point, 1.0]))[:3]
-        force[body] += paper.options.stiffness.contact * np.linalg.norm(point - same_point) * normal
-    np.testing.assert_allclose(paper.record.phalanx[-1].reshape(15, 3), force[:PALM], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(paper.record.total[-1], force.sum(axis=0), rtol=1e-6, atol=1e-6)
+        force[body] += Stiffness().contact * np.linalg.norm(point - same_point) * normal
+    np.testing.assert_allclose(record.phalanx[-1].reshape(15, 3), force[:PALM], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(record.total[-1], force.sum(axis=0), rtol=1e-6, atol=1e-6)
 
 
 def nearest_on_hand(

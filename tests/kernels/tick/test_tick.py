@@ -71,15 +71,17 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("method", (*METHODS, "penalty"))
+@pytest.mark.parametrize(
+    "options", [*({"method": name} for name in (*METHODS, "penalty")), {"qp": "quadprog"}], ids=str
+)
 @pytest.mark.parametrize("name", BAD)
-def test_input_that_is_none_is_held(name: str, method: str) -> None:
+def test_input_that_is_none_is_held(name: str, options: dict[str, Any]) -> None:
     channel, index, value = BAD[name]
     motion = still([0.0, -0.045, 0.052], flexion=0.4, ticks=6)
     motion = sequence(still(FREE), motion)
     bad = motion._replace(**{channel: getattr(motion, channel).copy()})
     getattr(bad, channel)[(slice(2, 4), *index)] = value
-    fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*moved) for moved in (motion, bad))
+    fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(**options)).run(*given) for given in (motion, bad))
     np.testing.assert_array_equal(
         found.status & STATUS_INPUT_INVALID > 0, [False, False, True, True, False, False, False]
     )
