@@ -35,66 +35,56 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
 from hhsim.solver.options import TOUCH, SolverOptions
-from hhsim.trees.sphere_tree import SphereTree
 
 NEAR = 1e-3
 
 
-@pytest.fixture(scope="module")
-def hand() -> HandModel:
-    return HandModel.default()
+HAND, TREE = HandModel.default(), bumpy_ball(250)
 
 
 @pytest.fixture(scope="module")
-def tree() -> SphereTree:
-    return bumpy_ball(250)
-
-
-@pytest.fixture(scope="module")
-def placed(hand: HandModel) -> PlacedHand:
+def placed() -> PlacedHand:
     """Comes down on the ball, turned a little further at each tick."""
     ticks = 12
     turn = np.linspace(-0.6, 0.6, ticks)
     orientation = np.stack([np.cos(turn), 0.0 * turn, np.sin(turn), 0.0 * turn], axis=1)
     position = np.stack([0.02 * turn, np.full(ticks, -0.06), np.linspace(0.09, 0.03, ticks)], axis=1)
-    return forward_kinematics(hand, position, orientation, np.full((ticks, 5, 3), 0.2), np.zeros((ticks, 5)))
+    return forward_kinematics(HAND, position, orientation, np.full((ticks, 5, 3), 0.2), np.zeros((ticks, 5)))
 
 
 @pytest.fixture(scope="module")
-def found(hand: HandModel, tree: SphereTree, placed: PlacedHand) -> ContactPoints:
-    return find_contact_points(tree.arrays(), hand_shape(hand), placed, NEAR)
+def found(placed: PlacedHand) -> ContactPoints:
+    return find_contact_points(TREE.arrays(), hand_shape(HAND), placed, NEAR)
 
 
-def balls(hand: HandModel, placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
+def balls(placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Centres [m] and radii [m] of balls that each body is made of, the palm's and 2,001 along each phalanx."""
-    center = [palm_spheres(hand.palm_tree.leaf_center, placed.position, placed.orientation)[tick]]
-    radius = [hand.palm_tree.leaf_radius]
+    center = [palm_spheres(HAND.palm_tree.leaf_center, placed.position, placed.orientation)[tick]]
+    radius = [HAND.palm_tree.leaf_radius]
     part = [np.arange(15, 15 + len(radius[0]))]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     for body in range(15):
         f, k = divmod(body, 3)
         center.append((1.0 - share) * placed.joints[tick, f, k] + share * placed.joints[tick, f, k + 1])
-        radius.append((1.0 - share[:, 0]) * hand.radius[f, k] + share[:, 0] * hand.radius[f, k + 1])
+        radius.append((1.0 - share[:, 0]) * HAND.radius[f, k] + share[:, 0] * HAND.radius[f, k + 1])
         part.append(np.full(len(share), body))
     return np.concatenate(center), np.concatenate(radius), np.concatenate(part)
 
 
-def test_the_points_are_those_of_every_touching_pair(
-    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
-) -> None:
+def test_the_points_are_those_of_every_touching_pair(placed: PlacedHand, found: ContactPoints) -> None:
     assert np.all(np.diff(found.tick) >= 0)
     assert len(found.tick) > 300, "more than the room at first"
     tick = 8
-    center, radius, part = balls(hand, placed, tick)
-    away = np.linalg.norm(center[:, None] - tree.leaf_center, axis=2)
-    gap = away - radius[:, None] - tree.leaf_radius
+    center, radius, part = balls(placed, tick)
+    away = np.linalg.norm(center[:, None] - TREE.leaf_center, axis=2)
+    gap = away - radius[:, None] - TREE.leaf_radius
     expected = []
     for one in range(part.max() + 1):
         mine = np.flatnonzero(part == one)
         best = mine[gap[mine].argmin(axis=0)]
         leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= NEAR)
         best = best[leaf]
-        along = (tree.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
+        along = (TREE.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
         expected.append(center[best] + radius[best, None] * along)
     ours, theirs = found.point[found.tick == tick], np.concatenate(expected)
     assert len(ours) == len(theirs) > 5
@@ -102,14 +92,14 @@ def test_the_points_are_those_of_every_touching_pair(
     assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-5
 
 
-def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandModel, placed: PlacedHand) -> None:
+def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(placed: PlacedHand) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=0.04)
     vertices, faces = np.array(ball.vertices, np.float64), np.array(ball.faces, np.int64)
     mesh, _ = mesh_features(vertices, faces, closed=True)
-    found = find_contact_points(mesh, hand_shape(hand), placed, NEAR)
+    found = find_contact_points(mesh, hand_shape(HAND), placed, NEAR)
     closest: Any = trimesh.triangles.closest_point
     tick, seen = 7, 0
-    center, radius, part = balls(hand, placed, tick)
+    center, radius, part = balls(placed, tick)
     ours = found.tick == tick
     touched = set()
     for triangle in vertices[faces]:
@@ -135,32 +125,30 @@ def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(hand: HandMod
 
 
 def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
-    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
+    placed: PlacedHand, found: ContactPoints
 ) -> None:
     np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1.0, atol=1e-12)
     assert {*found.body.tolist()} >= {1, 7, 15}, "phalanges and palm"
-    palm = palm_spheres(hand.palm_tree.leaf_center, placed.position, placed.orientation)
+    palm = palm_spheres(HAND.palm_tree.leaf_center, placed.position, placed.orientation)
     for tick, body, point, normal in zip(*found):
         joints = placed.joints[tick]
         if body == 15:
-            on_hand = np.abs(np.linalg.norm(palm[tick] - point, axis=1) - hand.palm_tree.leaf_radius).min()
+            on_hand = np.abs(np.linalg.norm(palm[tick] - point, axis=1) - HAND.palm_tree.leaf_radius).min()
         else:
             f, k = divmod(int(body), 3)
             ends = joints[f, k], joints[f, k + 1]
-            on_hand = abs(round_cone_distance(point[None], *ends, *hand.radius[f, k : k + 2])[0])
+            on_hand = abs(round_cone_distance(point[None], *ends, *HAND.radius[f, k : k + 2])[0])
         assert on_hand < 1e-12
         # Against the normal from the point lies the leaf's surface, `NEAR` away at most, and the leaf's centre.
-        away = point - tree.leaf_center
+        away = point - TREE.leaf_center
         along = away @ normal
         straight = np.linalg.norm(away - along[:, None] * normal, axis=1) < 1e-9
-        assert (straight & (along - tree.leaf_radius <= NEAR)).any()
+        assert (straight & (along - TREE.leaf_radius <= NEAR)).any()
 
 
-def test_fingers_and_ticks_can_be_left_out(
-    hand: HandModel, tree: SphereTree, placed: PlacedHand, found: ContactPoints
-) -> None:
+def test_fingers_and_ticks_can_be_left_out(placed: PlacedHand, found: ContactPoints) -> None:
     middle = [False, False, True, False, False]
-    some = find_contact_points(tree.arrays(), hand_shape(hand), placed, NEAR, chosen=[3, 9], fingers=middle)
+    some = find_contact_points(TREE.arrays(), hand_shape(HAND), placed, NEAR, chosen=[3, 9], fingers=middle)
     kept = np.isin(found.tick, [3, 9]) & np.isin(found.body, [6, 7, 8, 15])
     assert kept.sum() > 5
     for ours, theirs in zip(some, found):

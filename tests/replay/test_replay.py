@@ -11,7 +11,6 @@ from short_grasp import shortened
 from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance, result_clearance
 
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
@@ -132,13 +131,6 @@ BALL = bumpy_ball(1200)
 METHODS = ("coupled", "progressive")
 
 
-def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:
-    """The hand comes down on the ball with curled fingers, deeper than it can; `depth` is where it ends [m]."""
-    curled = np.full((5, 3), 0.6)
-    start, end = still([0.0, -0.06, 0.16], flexion=curled), still([0.0, -0.06, depth], flexion=curled)
-    return start.line(end, ticks - 1)
-
-
 @pytest.mark.parametrize(
     ("method", "fingers"),
     sampled(
@@ -147,7 +139,9 @@ def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:
     ),
 )
 def test_fingers_that_a_scene_does_not_use_follow_the_users_hand(method: str, fingers: tuple[str, ...]) -> None:
-    motion = closing()
+    # The hand comes down on the ball with curled fingers, deeper than it can.
+    start, end = (still([0.0, -0.06, height], flexion=0.6) for height in (0.16, 0.02))
+    motion = start.line(end, 399)
     options = SolverOptions(method=method, fingers=fingers)
     record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
     clearance = record_clearance(HAND, BALL, record)

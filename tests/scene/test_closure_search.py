@@ -69,25 +69,9 @@ def cluster(seed: int, count: int = 60) -> SphereTree:
     return sphere_tree(center, rng.uniform(0.006, 0.012, size=count))
 
 
-def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.015) -> SphereTree:
-    axes = [np.linspace(-s / 2 + step / 2, s / 2 - step / 2, round(s / step)) for s in size]
-    center = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return sphere_tree(center, np.full(len(center), 0.8 * step))
-
-
-def near(
-    hand: HandModel, tree: SphereTree, at: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
-) -> FloatArray:
-    return body_distances(at, rotation, flexion, abduction, make_work(hand.arrays(), tree.arrays()))
-
-
-def brute_distances(
-    hand: HandModel, tree: SphereTree, position: FloatArray, rotation: FloatArray, *angles: FloatArray
-) -> FloatArray:
-    """Every body against every leaf."""
-    orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    placed = forward_kinematics(hand, position[None], orientation[None], *(values[None] for values in angles))
-    return np.asarray(record_clearance(hand, tree, placed)[0])
+def near(tree: SphereTree, *pose: FloatArray) -> FloatArray:
+    """Distance of each body at a palm's position and rotation, flexion and abduction."""
+    return body_distances(*pose, make_work(HAND.arrays(), tree.arrays()))
 
 
 def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -103,8 +87,11 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.3))
 def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
     tree = cluster(seed)
-    pose = random_pose(np.random.default_rng(seed), distance)
-    np.testing.assert_allclose(near(HAND, tree, *pose), brute_distances(HAND, tree, *pose), rtol=0.0, atol=1e-12)
+    position, rotation, *angles = pose = random_pose(np.random.default_rng(seed), distance)
+    orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+    placed = forward_kinematics(HAND, position[None], orientation[None], *(values[None] for values in angles))
+    clearance = record_clearance(HAND, tree, placed)[0]
+    np.testing.assert_allclose(near(tree, *pose), clearance, rtol=0.0, atol=1e-12)
 
 
 @settings(max_examples=15)
@@ -119,7 +106,7 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     work = make_work(HAND.arrays(), tree.arrays())
     travel, body = kernel.advance_hand(position, *posture, direction, gap, 1.0, work)
     for share in np.linspace(0.0, 1.0, 200):
-        left = near(HAND, tree, position + share * travel * direction, *posture) - gap
+        left = near(tree, position + share * travel * direction, *posture) - gap
         assert (left >= -1e-12).all()
     if body >= 0:
         assert int(np.argmin(left)) == body
@@ -137,14 +124,14 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
     tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
     rate = closure_rates(rng.uniform(0.2, 1.5))[finger]
     own = slice(3 * finger, 3 * finger + 3)
-    if near(HAND, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
+    if near(tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
         return
     flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
     work = make_work(hand, tree.arrays())
     kernel.close_finger(np.zeros(3), np.eye(3), finger, rate, np.zeros(5), flexion, work, touching)
     others = np.delete(flexion, finger, axis=0)
     assert (others == 0.0).all()
-    reached = near(HAND, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
+    reached = near(tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
     assert (reached > 0.0).all()
     assert (reached[touching[finger] == 1.0] <= kernel.CONTACT).all()
     # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
@@ -155,11 +142,13 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
 
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
-    tree = box()
+    axes = [np.arange(-0.5 * size + 0.0075, 0.5 * size, 0.015) for size in (0.06, 0.045, 0.09)]
+    center = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    tree = sphere_tree(center, np.full(len(center), 0.012))
     closure = plan_finger_closure(script, HAND, tree)
     assert closure.reached == () and closure.missed == ()
     stages = [closure.open + share * (closure.command - closure.open) for share in np.linspace(0.0, 1.0, 101)]
-    gaps = [near(HAND, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
+    gaps = [near(tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
     assert 0.05 <= min(gaps) < 0.08
 
 

@@ -62,12 +62,8 @@ def away(flexion: FloatArray, abduction: FloatArray) -> float:
     return float(self_clearance(RIGHT, self_pairs(RIGHT), flexion, abduction)[0])
 
 
-def closed(goal: HandConfiguration, ticks: int = 300, hold: int = 60) -> HandConfiguration:
-    return OPEN.line(goal, ticks - 1).hold(hold)
-
-
 def test_thumb_and_index_commanded_through_each_other_touch_and_push_alike() -> None:
-    motion = closed(PINCH)
+    motion = OPEN.line(PINCH, 299).hold(60)
     assert clearance(motion).min() < -5e-3
     record = run(motion)
     assert clearance(record).min() >= 0.0 and away(record.flexion[-1:], record.abduction[-1:]) <= 1e-6
@@ -229,15 +225,8 @@ def run_both(
 
 def apart(hands: Any) -> FloatArray:
     """Distance at each tick, by code of its own, of two hands given by their configurations or records."""
-    at = [HandConfiguration(one.position, one.orientation, one.flexion, one.abduction) for one in hands]
-    return distance_of_hands(HANDS, [forward_kinematics(hand, *one) for hand, one in zip(HANDS, at)])
-
-
-def least_clearance(hand: HandModel, surface: Any, record: TickRecord) -> float:
-    """Least distance of a hand of a record to a surface [m]."""
-    shown = HandConfiguration(record.position, record.orientation, record.flexion, record.abduction)
-    palm, fingers = hand_clearance(surface, hand_shape(hand), forward_kinematics(hand, *shown), limit=1.0)
-    return float(min(palm.min(), fingers.min()))
+    placed = [forward_kinematics(hand, *HandConfiguration.of(one)) for hand, one in zip(HANDS, hands)]
+    return distance_of_hands(HANDS, placed)
 
 
 def mirrored(motion: HandConfiguration) -> HandConfiguration:
@@ -318,6 +307,8 @@ def test_random_ticks_enter_neither_hand_nor_object(surface: str, seed: int) -> 
         if surface == "spheres":
             assert record_clearance(hand, bumpy_ball(60), record).min() >= 0.0
         else:
-            assert least_clearance(hand, ball, record) >= 0.0
+            shown = forward_kinematics(hand, *HandConfiguration.of(record))
+            palm, fingers = hand_clearance(ball, hand_shape(hand), shown, limit=1.0)
+            assert min(palm.min(), fingers.min()) >= 0.0
         if options:
             assert clearance(record, hand).min() >= 0.0

@@ -31,19 +31,14 @@ SHAPES = {
 }
 
 
-@pytest.fixture(params=SHAPES, scope="module")
-def shape(request: pytest.FixtureRequest) -> trimesh.Trimesh:
-    chosen: trimesh.Trimesh = SHAPES[request.param]
-    return chosen
-
-
-def test_is_the_brute_force_distance_with_the_sign_of_ray_casting(shape: trimesh.Trimesh) -> None:
-    vertices, faces = arrays(shape)
+@pytest.mark.parametrize("name", SHAPES)
+def test_is_the_brute_force_distance_with_the_sign_of_ray_casting(name: str) -> None:
+    vertices, faces = arrays(SHAPES[name])
     points = np.random.default_rng(1).uniform(1.3 * vertices.min(axis=0), 1.3 * vertices.max(axis=0), (200, 3))
     bvh = build_mesh_bvh(vertices, faces)
     signed = mesh_signed_distance(bvh, points)
     assert np.abs(np.abs(signed) - from_triangles(vertices[faces])(points[:, None]).min(axis=1)).max() < 1e-12
-    inside = np.asarray(shape.contains(points))
+    inside = np.asarray(SHAPES[name].contains(points))
     assert inside.any() and not inside.all()
     assert np.array_equal(signed < 0.0, inside)
 
