@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from sphere_scenes import PALM, cloud, random_hand, set_pose, tick_state
 
@@ -11,6 +12,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
+from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.solver.method import surface_of
 from hhsim.solver.options import Stiffness
 from hhsim.trees.sphere_tree import SphereTree
@@ -29,6 +31,37 @@ def moved(at: HandConfiguration, step: FloatArray, abduction_step: FloatArray | 
         at.flexion + step[6:].reshape(1, 5, 3),
         at.abduction + (np.zeros(5) if abduction_step is None else abduction_step),
     )
+
+
+def transform(rotation: Rotation, translation: ArrayLike = (0.0, 0.0, 0.0)) -> FloatArray:
+    """A rotation and a translation after it as a matrix (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation.as_matrix(), translation
+    return matrix
+
+
+def body_frames(hand: HandModel, at: HandConfiguration) -> FloatArray:
+    """Frames of the phalanges and of the palm in the world, (16, 4, 4); y is along a phalanx, z dorsal.
+
+    By T_world_palm T_palm_finger R_abduction Π R_x(-θ) T(0, L, 0), from the hand's definition.
+    """
+    palm, frames = transform(Rotation.from_quat(at.orientation[0], scalar_first=True), at.position[0]), []
+    for f in range(5):
+        axes = [np.cross(hand.distal[f], hand.dorsal[f]), hand.distal[f], hand.dorsal[f]]
+        chain = palm @ transform(Rotation.from_matrix(np.stack(axes, axis=1)), hand.base[f])
+        chain = chain @ transform(Rotation.from_euler("z", hand.abduction_sign * at.abduction[0, f]))
+        for k in range(3):
+            chain = chain @ transform(Rotation.from_euler("x", -at.flexion[0, f, k]))
+            frames.append(chain)
+            chain = chain @ transform(Rotation.identity(), (0.0, hand.length[f, k], 0.0))
+    return np.array([*frames, palm])
+
+
+def posed(hand: HandModel, at: HandConfiguration) -> Any:
+    """The record of a pose, with what the kernels make of it."""
+    here = np.zeros(1, HAND_POSE).view(np.recarray)[0]
+    set_pose(hand, here, at)
+    return here
 
 
 def in_contact(hand: HandModel, surface: Any, at: HandConfiguration, reach: float, skin: float = 0.0) -> Any:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from hhsim.linkage.linkage import Robot
@@ -81,6 +82,29 @@ def places(linkage: Robot, values: dict[str, float]) -> dict[str, np.ndarray]:
             here = (found[moving.parent] if moving.parent else np.eye(4)) @ move @ here
         found[each.name] = here
     return found
+
+
+CUBE = np.array(np.meshgrid(*([-0.5, 0.5] for _ in range(3)))).reshape(3, -1).T
+"""Corners of a cube of edges of 1 about the origin."""
+
+
+def assert_corners(linkage: Robot, found: dict[str, np.ndarray], wanted: list[np.ndarray]) -> None:
+    """Hold the corners of all shapes, in the file's frame, against those wanted, in any order."""
+    places = [
+        vertices @ found[each.name][:3, :3].T + found[each.name][:3, 3]
+        for each in linkage.links
+        for vertices, _ in each.shapes
+    ]
+    corners, others = np.concatenate(places), np.concatenate(wanted)
+    apart = np.linalg.norm(corners[:, None] - others[None], axis=2)
+    assert len(corners) == len(others)
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-9
+
+
+def assert_volume(triangles: tuple[np.ndarray, np.ndarray], volume: float, shape: str) -> None:
+    """Hold a closed mesh against the volume of its shape, which chords are inside of."""
+    solid = trimesh.Trimesh(*triangles)
+    assert solid.is_watertight and 0.99 * volume <= solid.volume <= volume * (1.0 + 1e-6), shape
 
 
 def write_box(

@@ -1,4 +1,4 @@
-"""Oracles for round cones and points beside triangles; but for `least_of_features` without code of the kernels.
+"""Oracles for round cones, boxes and points beside triangles; all but `least_of_features` without code of the kernels.
 
 The distance of a round cone is searched along its axis, where it is convex: sampled densely, then narrowed by golden
 sections down to rounding.
@@ -111,6 +111,27 @@ def to_cone(points: FloatArray, a: FloatArray, b: FloatArray, radius_a: float, r
     parts = (a, b, np.array(radius_a), np.array(radius_b))
     cones = Cones(*(np.repeat(part[None], len(points), axis=0) for part in parts))
     return along_axes(cones, lambda x: np.asarray(np.linalg.norm(x - points, axis=-1)))
+
+
+def box_distance(points: FloatArray, half: float) -> FloatArray:
+    """Signed distance [m] of points, (N, 3), from a cube about the origin, in closed form."""
+    beyond = np.abs(points) - half
+    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
+
+
+def shift_of_boxes(*corners: FloatArray) -> float:
+    """Least shift that takes two boxes apart [m], along the axes that separate boxes; negative their distance.
+
+    Corners of each, (8, 3), are in the order of `box_mesh`.
+    """
+    edges = [[at[4] - at[0], at[2] - at[0], at[1] - at[0]] for at in corners]
+    axes = [*edges[0], *edges[1], *(np.cross(a, b) for a in edges[0] for b in edges[1])]
+    least = np.inf
+    for axis in axes:
+        if np.linalg.norm(axis) > 1e-12:
+            here, there = (at @ axis / np.linalg.norm(axis) for at in corners)
+            least = min(least, here.max() - there.min(), there.max() - here.min())
+    return float(least)
 
 
 def by_arctangents(triangles: FloatArray, points: FloatArray) -> FloatArray:

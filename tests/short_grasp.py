@@ -121,11 +121,6 @@ def cut(scene: Scene, bodies: slice) -> Scene:
     return replace(scene, hands=hands, bodies=tuple(cut_bodies), description=description)
 
 
-def of_hand(scene: Scene, hand: int) -> Scene:
-    """Return a scene of two hands with one of them."""
-    return replace(scene, hands=(scene.hands[hand],))
-
-
 def moved_hand(scene: Scene, hand: int, **changed: object) -> Scene:
     """Return a scene with other arrays of the ticks of a hand."""
     hands: list[Hand] = list(scene.hands)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
@@ -46,12 +45,6 @@ UNTIMED = [name for name in TickRecord._fields if not name.startswith("duration"
 """What ticks of the same input have in common."""
 
 
-def palm_centers(palm_center: ArrayLike, position: ArrayLike, orientation: ArrayLike) -> FloatArray:
-    """Compute centres of the palm's spheres [m], world, (P, 3), from the palm's position and orientation w x y z."""
-    turned = Rotation.from_quat(np.asarray(orientation), scalar_first=True).apply(np.asarray(palm_center))
-    return np.asarray(turned + np.asarray(position))
-
-
 def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> SphereTree:
     """A tree over these leaves, shapes (L, 3) and (L,) [m]: near ones are grouped until a single node is left."""
     order = _near_order(center, np.arange(len(radius)))
@@ -72,21 +65,14 @@ def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> S
     )
 
 
-def flat_tree(center: FloatArray, radius: FloatArray) -> SphereTree:
-    """A root and its leaves, shapes (L, 3) and (L,) [m]."""
-    middle, level = center.mean(axis=0), np.minimum(np.arange(len(radius) + 1), 1)
-    root = float((np.linalg.norm(center - middle, axis=1) + radius).max())
-    return SphereTree(np.vstack([middle, center]), np.append(root, radius), level, level - 1)
-
-
 def ball(radius: float = BALL_RADIUS, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SphereTree:
     """One sphere [m]."""
-    return flat_tree(np.array([center]), np.array([radius]))
+    return sphere_tree(np.array([center]), np.array([radius]))
 
 
 def row(axis: Sequence[float], count: int = 41, length: float = 0.2) -> SphereTree:
     """Balls of 20 mm radius in a row along a unit axis, a length [m] from first to last middle."""
-    return flat_tree(np.linspace(-length / 2, length / 2, count)[:, None] * axis, np.full(count, 0.02))
+    return sphere_tree(np.linspace(-length / 2, length / 2, count)[:, None] * axis, np.full(count, 0.02))
 
 
 @cache

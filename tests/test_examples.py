@@ -25,6 +25,7 @@ from tools.notebooks import run, run_cell
 
 pytestmark = pytest.mark.slow
 
+EXAMPLES = REPOSITORY / "examples"
 RUN_HERE = {"cpp_method", "library.py", "notebook.ipynb", "custom_object.sh", "custom_object.py", "custom_motion.toml"}
 RUN_ELSEWHERE = {
     "feed_dex_retargeting.py": "repair/test_follow.py",
@@ -41,32 +42,27 @@ RUN_ELSEWHERE = {
 
 
 @pytest.fixture
-def examples(repository: Path) -> Path:
-    return repository / "examples"
-
-
-@pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
     """With commands that are this hhsim and this python, whatever is on the PATH."""
     return {**os.environ, "HHSIM": str(hhsim_command(tmp_path)), "PYTHON": sys.executable, "NO_COLOR": "1"}
 
 
-def test_every_example_is_told_of_and_run_by_a_test(repository: Path, examples: Path) -> None:
-    files = {path.name for path in examples.iterdir() if path.name not in ("__init__.py", "__pycache__")}
+def test_every_example_is_told_of_and_run_by_a_test() -> None:
+    files = {path.name for path in EXAMPLES.iterdir() if path.name not in ("__init__.py", "__pycache__")}
     assert files == {"README.md", *RUN_HERE, *RUN_ELSEWHERE}
-    page = (examples / "README.md").read_text(encoding="utf-8")
+    page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
     assert files - {"README.md"} == {
         file for word, file in re.findall(r"\[([^\]]+)\]\(([^)#]+)\)", page) if word == file
     }
     for file, test in RUN_ELSEWHERE.items():
-        assert f'"{file}"' in (repository / "tests" / test).read_text(encoding="utf-8")
+        assert f'"{file}"' in (REPOSITORY / "tests" / test).read_text(encoding="utf-8")
 
 
-def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
-    text = (examples / "library.py").read_text(encoding="utf-8")
+def test_the_library_in_twenty_lines(tmp_path: Path) -> None:
+    text = (EXAMPLES / "library.py").read_text(encoding="utf-8")
     assert len([line for line in text.splitlines() if line.strip()]) <= 20
     answer = subprocess.run(
-        [sys.executable, str(examples / "library.py")], cwd=tmp_path, capture_output=True, text=True
+        [sys.executable, str(EXAMPLES / "library.py")], cwd=tmp_path, capture_output=True, text=True
     )
     assert answer.returncode == 0, answer.stderr
     for method in ("coupled", "progressive"):
@@ -74,7 +70,7 @@ def test_the_library_in_twenty_lines(examples: Path, tmp_path: Path) -> None:
         assert result.complete and result.scene["solver"]["method"] == method
         assert f"{method}: {result.ticks:,} ticks, 0.000 µm deep, " in answer.stdout
         said = f"the hold takes {result.summary['force_hold_mean']:.2f} N; all of it is in {result.path.name}"
-        assert said in answer.stdout and said in (examples / "README.md").read_text(encoding="utf-8")
+        assert said in answer.stdout and said in (EXAMPLES / "README.md").read_text(encoding="utf-8")
 
 
 RUN_CELLS = """\
@@ -93,13 +89,13 @@ for cell in json.load(open(sys.argv[1], encoding="utf-8"))["cells"]:
 
 
 @pytest.mark.soak
-def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
-    document = json.loads((examples / "notebook.ipynb").read_text(encoding="utf-8"))
+def test_the_notebook_runs_cell_by_cell(tmp_path: Path) -> None:
+    document = json.loads((EXAMPLES / "notebook.ipynb").read_text(encoding="utf-8"))
     assert (document["nbformat"], document["nbformat_minor"]) == (4, 5)
     cells = [cell for cell in document["cells"] if cell["cell_type"] == "code"]
     assert len(cells) >= 4 and not any(cell["outputs"] or cell["execution_count"] for cell in cells)
     answer = subprocess.run(
-        *([sys.executable, "-c", RUN_CELLS, str(examples / "notebook.ipynb")],),
+        *([sys.executable, "-c", RUN_CELLS, str(EXAMPLES / "notebook.ipynb")],),
         cwd=tmp_path, env={**os.environ, "MPLBACKEND": "agg"}, capture_output=True, text=True,
     )  # fmt: skip
     assert answer.returncode == 0, answer.stderr
@@ -111,12 +107,12 @@ def test_the_notebook_runs_cell_by_cell(examples: Path, tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def cpp_method(examples: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def cpp_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """The example's module beside its library, built by the line that it says."""
     if shutil.which("c++") is None:
         pytest.skip("there is no C++ compiler (c++) to build the example with")
     folder = tmp_path / "cpp_method"
-    shutil.copytree(examples / "cpp_method", folder)
+    shutil.copytree(EXAMPLES / "cpp_method", folder)
     (build,) = re.findall(r"(?m)^c\+\+ .*$", (folder / "cpp_method.py").read_text(encoding="utf-8"))
     subprocess.run([*build.split(), "-Wall", "-Wextra", "-Werror"], cwd=folder, check=True)
     monkeypatch.syspath_prepend(str(folder))
@@ -146,8 +142,8 @@ def test_a_method_in_cpp_can_be_measured(cpp_method: Any) -> None:
     assert "time" in found
 
 
-def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path) -> None:
-    (block,) = re.findall(r"(?ms)^```python\n(.*?)^```", (examples / "README.md").read_text(encoding="utf-8"))
+def test_a_loop_of_ones_own_is_what_a_replay_runs(tmp_path: Path) -> None:
+    (block,) = re.findall(r"(?ms)^```python\n(.*?)^```", (EXAMPLES / "README.md").read_text(encoding="utf-8"))
     forces: list[Any] = []
     names: dict[str, Any] = {"keep": forces.append}
     exec(f"{block}    keep((joints.copy(), force.copy()))\n", names)
@@ -158,17 +154,17 @@ def test_a_loop_of_ones_own_is_what_a_replay_runs(examples: Path, tmp_path: Path
     assert np.abs(result["force/total"]).max() > 0.1
 
 
-def test_the_commands_of_an_object_of_ones_own_are_ones_that_are_taken(examples: Path) -> None:
-    lines = (examples / "custom_object.sh").read_text(encoding="utf-8").splitlines()
+def test_the_commands_of_an_object_of_ones_own_are_ones_that_are_taken() -> None:
+    lines = (EXAMPLES / "custom_object.sh").read_text(encoding="utf-8").splitlines()
     commands = [line.replace("$hhsim", "hhsim") for line in lines if line.startswith("$hhsim ")]
     assert [line.split()[1] for line in commands] == ["build-tree", "replay", "verify"]
     for line in commands:
-        parse(line.replace("$here", str(examples)))
+        parse(line.replace("$here", str(EXAMPLES)))
 
 
 @pytest.mark.soak
-def test_an_object_and_a_motion_of_ones_own(examples: Path, tmp_path: Path, environment: dict[str, str]) -> None:
-    command = ["sh", str(examples / "custom_object.sh"), "mine"]
+def test_an_object_and_a_motion_of_ones_own(tmp_path: Path, environment: dict[str, str]) -> None:
+    command = ["sh", str(EXAMPLES / "custom_object.sh"), "mine"]
     answer = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     folder = tmp_path / "mine"
     assert sorted(path.name for path in folder.iterdir()) == ["pawn-tree.h5", "pawn.h5", "pawn.stl"], answer.stderr

@@ -7,17 +7,14 @@ from functools import cache
 import numpy as np
 from hypothesis import HealthCheck, given, note, settings
 from hypothesis import strategies as st
-from sphere_scenes import bumpy_ball, cloud
+from sphere_scenes import bumpy_ball, cloud, object_tree
 
 from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import SafetyMeasure, pieces_of, recorded_penetration
 from hhsim.hand.model import HandModel
-from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 EXAMPLES = int(os.environ.get("HHSIM_FUZZ", "0"))
@@ -40,14 +37,14 @@ class Scene:
 
 
 @cache
-def object_tree(name: str) -> SphereTree:
+def tree_of(name: str) -> SphereTree:
     kind, _, number = name.partition(":")
     if kind == "ball":
         return bumpy_ball(int(number))
     if kind == "cloud":
         random = np.random.default_rng(int(number))
         return cloud(random, int(random.integers(1, 250)), spread=float(random.uniform(0.02, 0.08)))
-    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=LEVEL))
+    return object_tree(name, LEVEL)
 
 
 def logarithmic(low: float, high: float) -> st.SearchStrategy[float]:
@@ -90,7 +87,7 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 def check(scene: Scene) -> None:
     """Run a scene; tell the first tick that penetrates, is not finite, or is stuck."""
-    hand, tree = HANDS[scene.side], object_tree(scene.object)
+    hand, tree = HANDS[scene.side], tree_of(scene.object)
     motion = RandomTargets(hand, scene.seed, scene.stress, height=0.3).take(TICKS)
     record = HandSolver(hand, tree.arrays(), scene.solver).run(*motion)
     depth = recorded_penetration(hand, tree.arrays(), record)

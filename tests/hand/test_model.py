@@ -12,13 +12,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 import hhsim.hand.model
-from hhsim.arrays import FloatArray
 from hhsim.errors import InputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel, default_fingers, format_hand_file
 from hhsim.hand.palm_mesh import CENTER_HEIGHT, palm_mesh
-from hhsim.kernels.hand import kinematics
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import undirected_edges
 
@@ -52,21 +50,6 @@ def test_hand_length_is_wrist_to_middle_fingertip() -> None:
     # Fingers side by side neither float apart nor lie in each other.
     gap = np.linalg.norm(np.diff(knuckles, axis=0), axis=1) - RIGHT.radius[1:-1, 0] - RIGHT.radius[2:, 0]
     assert (np.abs(gap) < 0.005).all()
-
-
-def fingertip(
-    hand: HandModel, finger: int, flexion: FloatArray, abduction: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The point of a fingertip 40 degrees from its axis towards the pad, and the normal there; palm frame."""
-    joints, direction = np.empty((5, 4, 3)), np.empty((5, 3, 3))
-    axis, abduction_axis = np.empty((5, 3)), np.empty((5, 3))
-    kinematics.forward_kinematics(
-        hand.arrays(), np.zeros(3), np.eye(3), flexion, abduction, joints, direction, axis, abduction_axis
-    )
-    along = direction[finger, 2]
-    pad = np.cross(axis[finger], along)
-    normal = np.cos(np.radians(40.0)) * pad + np.sin(np.radians(40.0)) * along
-    return joints[finger, 3] + hand.radius[finger, 3] * normal, normal
 
 
 def test_left_is_the_mirror() -> None:
@@ -105,9 +88,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 def test_the_example_of_the_docstring_is_a_hand(tmp_path: Path) -> None:
-    assert hhsim.hand.model.__doc__ is not None
     block = re.search(r"mirror::\n\n((?:    .*\n|\n)+)", hhsim.hand.model.__doc__)
-    assert block is not None
     text = "".join(line.removeprefix("    ") for line in block[1].splitlines(keepends=True))
     hand = HandModel.from_toml(written(tmp_path, text))
     assert (hand.hand_length, hand.hand_breadth) == (0.18, 0.080)

@@ -1,12 +1,13 @@
 """MJCF: places of links by MuJoCo, shapes, friction, and what is refused."""
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import sampled
-from linkage_samples import places, write_box
+from linkage_samples import CUBE, assert_corners, assert_volume, places, write_box
 
 from hhsim.errors import InputError
 from hhsim.linkage import file as linkage_file
@@ -19,10 +20,12 @@ mujoco = pytest.importorskip("mujoco", reason="pip install 'hhsim[mjcf]' brings 
 SEEDS = sampled(range(24), lambda place, _: place < 4)
 
 
-def _read(tmp_path: Path, world: str, before: str = "", after: str = "") -> Robot:
+def _read(
+    tmp_path: Path, world: str, before: str = "", after: str = "", read: Callable[[Path], Robot] = read_linkage
+) -> Robot:
     path = tmp_path / "thing.xml"
     path.write_text(f"<mujoco>{before}<worldbody>{world}</worldbody>{after}</mujoco>")
-    return read_linkage(path)
+    return read(path)
 
 
 def _random_bodies(rng: np.random.Generator, count: int = 8) -> str:
@@ -64,16 +67,10 @@ def test_links_are_where_mujoco_has_them(tmp_path: Path, seed: int) -> None:
             body = model.body(each.child).id
             np.testing.assert_allclose(found[each.child][:3, 3], data.xpos[body], atol=1e-9)
             np.testing.assert_allclose(found[each.child][:3, :3], data.xmat[body].reshape(3, 3), atol=1e-9)
-        corners = [
-            v @ found[each.name][:3, :3].T + found[each.name][:3, 3] for each in linkage.links for v, _ in each.shapes
-        ]
-        cube = np.array(np.meshgrid(*([-1.0, 1.0] for _ in range(3)))).reshape(3, -1).T
-        wanted = [
-            cube * size @ turn.reshape(3, 3).T + place
-            for size, turn, place in zip(model.geom_size, data.geom_xmat, data.geom_xpos)
-        ]
-        apart = np.linalg.norm(np.concatenate(corners)[:, None] - np.concatenate(wanted)[None], axis=2)
-        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-9
+        geoms = zip(model.geom_size, data.geom_xmat, data.geom_xpos)
+        assert_corners(
+            linkage, found, [2.0 * CUBE * size @ turn.reshape(3, 3).T + place for size, turn, place in geoms]
+        )
 
 
 DOOR = """
@@ -115,10 +112,7 @@ def test_shapes_are_of_their_size_and_meshes_are_scaled(tmp_path: Path) -> None:
         found = _read(tmp_path, f'<body name="a" pos="0 0 1"><geom {shape} euler="30 0 20"/></body>', asset)
         assert not found.on_world and [each.name for each in found.links] == ["a"]
         vertices, faces = found.links[0].triangles
-        corners = vertices[faces]
-        enclosed = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-        # Chords are inside of what they stand for.
-        assert 0.99 * volume <= enclosed <= volume * (1.0 + 1e-6), shape
+        assert_volume((vertices, faces), volume, shape)
         assert vertices[:, 2].mean() == pytest.approx(1.0, abs=0.08)
 
 
@@ -208,17 +202,14 @@ def test_a_robots_joint_follows_another_by_an_equality_and_other_equalities_are_
         '<joint name="held" joint1="x"/><joint name="bent" joint1="x" joint2="z" polycoef="0 1 1 0 0"/>'
         '<weld name="tied" body1="x" body2="z"/>'
     )
-    path = tmp_path / "robot.xml"
-    compiler = '<compiler angle="radian"/>'
-    path.write_text(f"<mujoco>{compiler}<worldbody>{bodies}</worldbody><equality>{ties}</equality></mujoco>")
-    robot = read_robot(path)
+    robot = _read(tmp_path, bodies, '<compiler angle="radian"/>', f"<equality>{ties}</equality>", read_robot)
     mimics = {each.name: each.mimic for each in robot.joints}
     assert mimics["x"] is None and mimics["z"] == Mimic("y", 1.0, pytest.approx(0.3))
     assert [note.split()[1:3] for note in robot.notes] == [
         [f"'{name}'", f"({kind})"]
         for name, kind in (("back", "joint"), ("held", "joint"), ("bent", "joint"), ("tied", "weld"))
     ]
-    model = mujoco.MjModel.from_xml_path(str(path))
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "thing.xml"))
     data = mujoco.MjData(model)
     x = 0.9
     y = -0.3 + 0.1 - 0.5 * (x - 0.2)
@@ -231,9 +222,8 @@ def test_a_robots_joint_follows_another_by_an_equality_and_other_equalities_are_
 
 def test_of_a_robot_a_body_that_only_looks_is_noted_and_any_mass_is_taken(tmp_path: Path) -> None:
     seen = '<geom type="box" size="0.1 0.1 0.1" contype="0" conaffinity="0" mass="2000"/>'
-    path = tmp_path / "robot.xml"
-    path.write_text(f"<mujoco><worldbody>{BODY.format(HINGE)}<body name='seen'>{seen}</body></worldbody></mujoco>")
-    robot = read_robot(path)
+    bodies = f"{BODY.format(HINGE)}<body name='seen'>{seen}</body>"
+    robot = _read(tmp_path, bodies, read=read_robot)
     assert robot.notes == ("seen: nothing there collides, so without spheres; --visual takes what is seen",)
-    found = read_robot(path, looks=True).link("seen").inertial
+    found = _read(tmp_path, bodies, read=partial(read_robot, looks=True)).link("seen").inertial
     assert found is not None and found.mass == pytest.approx(2000.0)

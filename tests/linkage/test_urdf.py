@@ -2,13 +2,15 @@
 
 import os
 import re
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import sampled
-from linkage_samples import BOX, joint, link, places, random_urdf, urdf, write_box
+from linkage_samples import BOX, CUBE, assert_corners, assert_volume, joint, link, places, random_urdf, urdf, write_box
 
 from hhsim.errors import InputError, MeshError
 from hhsim.linkage import file as linkage_file
@@ -22,29 +24,15 @@ SEEDS = sampled(range(24), lambda place, _: place < 4)
 MESH = '<collision><geometry><mesh filename="{}" scale="{}"/></geometry></collision>'
 
 
-def _read(tmp_path: Path, *content: str, text: str = "") -> Robot:
+def _read(tmp_path: Path, *content: str, text: str = "", read: Callable[[Path], Any] = read_linkage) -> Any:
     path = tmp_path / "thing.urdf"
     path.write_text(text or urdf(*content))
-    return read_linkage(path)
+    return read(path)
 
 
 def _values(linkage: Robot, seed: int) -> dict[str, float]:
     rng = np.random.default_rng(1000 + seed)
     return {each.name: float(rng.uniform(-1.0, 2.0)) for each in linkage.joints}
-
-
-def _same_corners(linkage: Robot, found: dict[str, np.ndarray], wanted: np.ndarray) -> None:
-    """Compare the corners of all shapes in the file's frame, whatever link they have been merged into."""
-    corners = np.concatenate(
-        [
-            vertices @ found[each.name][:3, :3].T + found[each.name][:3, 3]
-            for each in linkage.links
-            for vertices, _ in each.shapes
-        ]
-    )
-    apart = np.linalg.norm(corners[:, None] - wanted[None], axis=2)
-    assert len(corners) == len(wanted)
-    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-9
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -61,12 +49,8 @@ def test_links_are_where_yourdfpy_has_them(tmp_path: Path, seed: int) -> None:
     wanted = []
     for each in robot.robot.links:
         place = robot.get_transform(each.name) @ each.collisions[0].origin
-        cube = (
-            np.array(np.meshgrid(*([-0.5, 0.5] for _ in range(3)))).reshape(3, -1).T
-            * each.collisions[0].geometry.box.size
-        )
-        wanted.append(cube @ place[:3, :3].T + place[:3, 3])
-    _same_corners(linkage, found, np.concatenate(wanted))
+        wanted.append(CUBE * each.collisions[0].geometry.box.size @ place[:3, :3].T + place[:3, 3])
+    assert_corners(linkage, found, wanted)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -84,7 +68,6 @@ def test_mass_centre_and_inertia_of_all_links_are_as_mujoco_has_them(tmp_path: P
         place, body = found[each.name], model.body(each.name).id if each.name in linkage.joint_of else 0
         if body:
             # MuJoCo merges links on fixed joints, too, but for those of the world, which need no mass there.
-            assert each.inertial is not None and each.inertial.center is not None and each.inertial.inertia is not None
             np.testing.assert_allclose(place[:3, 3], data.xpos[body], atol=1e-9)
             np.testing.assert_allclose(each.inertial.mass, model.body_mass[body], rtol=1e-9)
             center = place[:3, :3] @ each.inertial.center + place[:3, 3]
@@ -101,7 +84,6 @@ def test_the_example_is_the_shipped_laptop() -> None:
         assert (ours.name, type(ours.motion)) == (theirs.name, type(theirs.motion))
         np.testing.assert_allclose(ours.placed_mesh.bounds, theirs.placed_mesh.bounds, atol=1e-12)
     lids = [scene.solids[1].joint for scene in scenes]
-    assert lids[0] is not None and lids[1] is not None
     assert (lids[0].type, lids[0].on, lids[0].limits) == (lids[1].type, lids[1].on, lids[1].limits)
 
 
@@ -122,11 +104,7 @@ def test_shapes_are_closed_and_of_their_size_and_what_collides_comes_before_what
             f"{seen}<collision><geometry>{shape}</geometry></collision>",
             f"<visual><geometry>{shape}</geometry></visual>",
         ):
-            vertices, faces = _read(tmp_path, link("a", content)).links[0].triangles
-            corners = vertices[faces]
-            found = np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-            # Chords are inside of what they stand for.
-            assert 0.99 * volume <= found <= volume * (1.0 + 1e-6), shape
+            assert_volume(_read(tmp_path, link("a", content)).links[0].triangles, volume, shape)
 
 
 def test_triangles_of_round_shapes_are_as_far_from_them_as_the_pages_say(repository: Path) -> None:
@@ -302,8 +280,8 @@ MASS = '<inertial><mass value="{}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz
 
 @pytest.mark.parametrize(("mass", "kept"), [("1572.9", 1572.9), ("-1", None), ("nan", None), ("heavy", None)])
 def test_a_robot_has_any_mass_and_what_is_none_is_noted(tmp_path: Path, mass: str, kept: float | None) -> None:
-    (tmp_path / "arm.urdf").write_text(urdf(A, link("b", BOX.format("1 1 1") + MASS.format(mass)), joint("a", "b")))
-    robot = read_robot(tmp_path / "arm.urdf")
+    heavy = link("b", BOX.format("1 1 1") + MASS.format(mass))
+    robot = _read(tmp_path, A, heavy, joint("a", "b"), read=read_robot)
     inertial = robot.link("b").inertial
     assert (inertial and inertial.mass) == kept
     assert [note.partition(":")[0] for note in robot.notes] == ([] if kept else ["link 'b'"])
@@ -311,39 +289,33 @@ def test_a_robot_has_any_mass_and_what_is_none_is_noted(tmp_path: Path, mass: st
 
 def test_elements_of_unbound_prefixes_are_left_out(tmp_path: Path) -> None:
     more = '<vendor:acceleration value="2"><child link="c"/></vendor:acceleration>'
-    (tmp_path / "arm.urdf").write_text(urdf(A, B, joint("a", "b", more=more), "<vendor:link name='c'/>"))
-    robot = read_robot(tmp_path / "arm.urdf")
+    robot = _read(tmp_path, A, B, joint("a", "b", more=more), "<vendor:link name='c'/>", read=read_robot)
     assert [each.name for each in robot.links] == ["a", "b"] and robot.joints[0].child == "b"
 
 
 def test_a_robot_has_one_root_and_says_what_only_looks(tmp_path: Path) -> None:
-    path = tmp_path / "arm.urdf"
-    path.write_text(urdf(A, link("b", BOX.format("1 1 1").replace("collision", "visual")), joint("a", "b")))
-    robot = read_robot(path)
+    arm = A, link("b", BOX.format("1 1 1").replace("collision", "visual")), joint("a", "b")
+    robot = _read(tmp_path, *arm, read=read_robot)
     assert [each.name for each in robot.solid] == ["a"]
     assert robot.notes == ("b: nothing there collides, so without spheres; --visual takes what is seen",)
-    seen = read_robot(path, looks=True)
+    seen = _read(tmp_path, *arm, read=partial(read_robot, looks=True))
     assert [each.name for each in seen.solid] == ["a", "b"] and seen.notes == ()
-    path.write_text(urdf(A, B, link("c"), joint("a", "b")))
-    with pytest.raises(InputError, match=r"arm\.urdf: links a, c hang on no joint; expected one such link"):
-        read_robot(path)
+    with pytest.raises(InputError, match=r"thing\.urdf: links a, c hang on no joint; expected one such link"):
+        _read(tmp_path, A, B, link("c"), joint("a", "b"), read=read_robot)
 
 
 def test_a_file_of_one_link_is_its_mesh_where_the_file_begins(tmp_path: Path) -> None:
-    path = tmp_path / "door.urdf"
     turned = joint("root", "a", origin='xyz="0 0 1"', axis="1 0 0", limit='lower="1.5707963267948966" upper="2"')
-    path.write_text(urdf(link("root", ""), link("a"), turned))
-    mesh, level = resolve_object(path)
-    assert (mesh.name, level, len(mesh.faces)) == ("door", 4, 12)
+    mesh, level = _read(tmp_path, link("root", ""), link("a"), turned, read=resolve_object)
+    assert (mesh.name, level, len(mesh.faces)) == ("thing", 4, 12)
     np.testing.assert_allclose(mesh.bounds, [[-0.05, -0.01, 0.97], [0.05, 0.01, 1.03]], atol=1e-12)
 
 
 def test_shapes_that_cross_become_one_solid_and_with_the_mesh_itself_stay(tmp_path: Path) -> None:
-    path = tmp_path / "cross.urdf"
-    path.write_text(urdf(link("a", BOX.format("0.1 0.02 0.02") + BOX.format("0.02 0.1 0.02"))))
-    whole, _ = resolve_object(path)
+    cross = link("a", BOX.format("0.1 0.02 0.02") + BOX.format("0.02 0.1 0.02"))
+    whole, _ = _read(tmp_path, cross, read=resolve_object)
     assert whole.volume == pytest.approx(2 * 0.1 * 0.02**2 - 0.02**3, rel=1e-6)
-    assert len(resolve_object(path, solid=False)[0].faces) == 24
+    assert len(_read(tmp_path, cross, read=partial(resolve_object, solid=False))[0].faces) == 24
 
 
 def test_one_of_several_links_is_named(tmp_path: Path) -> None:
@@ -364,9 +336,7 @@ def test_one_of_several_links_is_named(tmp_path: Path) -> None:
 
 
 def test_a_link_that_no_hand_can_use_is_told_by_its_name(tmp_path: Path) -> None:
-    path = tmp_path / "house.urdf"
-    path.write_text(urdf(link("a", BOX.format("30 1 1"))))
     with pytest.raises(
-        (InputError, MeshError), match=r"house\.urdf: link 'a': longest extent 30 m: .* is its scale wrong\?"
+        (InputError, MeshError), match=r"thing\.urdf: link 'a': longest extent 30 m: .* is its scale wrong\?"
     ):
-        resolve_object(path)
+        _read(tmp_path, link("a", BOX.format("30 1 1")), read=resolve_object)

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import MeshError
-from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.mesh.features import mesh_features
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.topology import merged_vertices
@@ -100,10 +99,6 @@ def _slivers(random: np.random.Generator) -> FloatArray:
     return np.array(triangles)
 
 
-def _box(random: np.random.Generator, size: float | None = None) -> FloatArray:
-    return np.asarray((BOX * (random.uniform(0.005, 0.04, 3) if size is None else size))[BOX_FACES])
-
-
 def _halved(triangles: FloatArray) -> FloatArray:
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
@@ -111,7 +106,7 @@ def _halved(triangles: FloatArray) -> FloatArray:
 
 
 def _bumpy(random: np.random.Generator) -> FloatArray:
-    triangles = _box(random)
+    triangles = (BOX * random.uniform(0.005, 0.04, 3))[BOX_FACES]
     for _ in range(random.integers(0, 3)):
         triangles = _halved(triangles)
     vertices, faces = indexed(triangles)
@@ -179,16 +174,6 @@ SAME = 2e-10
 POSES, TRIES = 10, 20
 
 
-def features_of(triangles: FloatArray) -> tuple[MeshFeatures, bool]:
-    vertices, faces = indexed(triangles)
-    closed = encloses(Mesh(vertices, faces))
-    return mesh_features(vertices, faces, closed=closed)[0], closed
-
-
-def goes_around(triangles: FloatArray, point: FloatArray) -> bool:
-    return bool(by_arctangents(triangles, point[None])[0] > 0.5)
-
-
 @pytest.mark.parametrize(
     ("kind", "first"), sampled([(kind, first) for first in range(0, 80, 2) for kind in SOUPS], lambda i, _: i in (0, 3))
 )
@@ -196,11 +181,13 @@ def test_the_least_over_features_is_the_least_over_triangles(kind: str, first: i
     judged = 0
     for seed in range(first, first + 2):
         triangles, random = soup(kind, seed)
-        mesh, closed = features_of(triangles)
+        vertices, faces = indexed(triangles)
+        closed = encloses(Mesh(vertices, faces))
+        mesh, _ = mesh_features(vertices, faces, closed=closed)
         wanted = judged + POSES
         for _ in range(TRIES * POSES):
             cones = touching_cone(random, triangles)
-            if closed and goes_around(triangles, cones.a[0]):
+            if closed and by_arctangents(triangles, cones.a)[0] > 0.5:
                 continue
             distance = least_distance(cones, triangles)
             if distance > 0.0:

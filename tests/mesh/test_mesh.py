@@ -115,14 +115,9 @@ def test_a_unit_that_a_file_states_counts(
     assert load_mesh(save(tmp_path / "cube.glb", cube())).repairs == (), "metres need no word"
 
 
-def obj(mesh: Mesh) -> str:
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
-    return "\n".join(lines + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces.tolist()]) + "\n"
-
-
 def obj_of(size: float, old: str = "", new: str = "") -> bytes:
     """A cube of a size [m] as an OBJ, a word of which is replaced once."""
-    return obj(cube().scaled(size / 0.07)).replace(old, new, 1 if old else 0).encode()
+    return cube().scaled(size / 0.07).obj().replace(old, new, 1 if old else 0).encode()
 
 
 CUBE = obj_of(0.07)

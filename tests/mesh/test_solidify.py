@@ -54,11 +54,6 @@ def tube(outline: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     return np.concatenate(rings), band(np.arange(count), np.arange(count, 2 * count))
 
 
-def polygon_area(outline: FloatArray) -> float:
-    x, y = outline.T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2.0)
-
-
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
 HORSESHOE = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [2.0, 3.0], [2.0, 1.0], [1.0, 1.0], [1.0, 3.0], [0.0, 3.0]])
 
@@ -71,7 +66,9 @@ def test_caps_close_the_tube_with_the_area_of_its_outline(outline: FloatArray, c
     assert len(caps.vertices) - len(vertices) == centers
     assert is_closed(np.concatenate([faces, caps.faces]))
     # Flat caps that fold nowhere have exactly the outline's area.
-    assert face_areas(caps.vertices, caps.faces).sum() == pytest.approx(2.0 * polygon_area(outline))
+    x, y = outline.T
+    twice = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    assert face_areas(caps.vertices, caps.faces).sum() == pytest.approx(twice)
     np.testing.assert_allclose(caps.bend, 0.0, atol=1e-12)
 
 
@@ -244,19 +241,14 @@ def test_triangles_with_no_inside_behind_are_refused_unless_they_are_few(halving
 
 CORRUPTED = int(os.environ.get("HHSIM_CORRUPTED", "0"))
 SEEDS = range(CORRUPTED) if CORRUPTED else range(2, 200, 11)
-COARSE = 4e-3
 POINTS = 400
-
-
-def make_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    if not CORRUPTED:
-        monkeypatch.setattr(solidify, "TOLERANCE", COARSE)
-        monkeypatch.setattr(solidify, "SAMPLES", 6000)
 
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    make_coarse(monkeypatch)
+    if not CORRUPTED:
+        monkeypatch.setattr(solidify, "TOLERANCE", 4e-3)
+        monkeypatch.setattr(solidify, "SAMPLES", 6000)
 
 
 def exact_winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
@@ -389,10 +381,6 @@ WALL = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0.01], [0, 0.08, 0]]
 FLAT = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0.1, 0.08, 0], [0, 0.08, 0]], [[0, 1, 2], [0, 2, 3]])
 
 
-def kept(mesh: Mesh) -> Mesh:
-    return with_inside(replace(mesh, source=mesh.name), solid=None)
-
-
 def fanned_bracket(turn: float = 0.0, bend: float = 0.0) -> Mesh:
     """A U of 90 mm whose caps are fans about a corner, so that triangles fold over each other beside the solid."""
     ring = np.array([(0, 0), (9, 0), (9, 8), (6, 8), (6, 3), (3, 3), (3, 8), (0, 8)]) * 0.01
@@ -429,7 +417,7 @@ CASES = {
 )
 def test_a_tree_covers_the_triangles_of_a_mesh_that_is_no_solid(name: str) -> None:
     given, point, is_inside = CASES[name]
-    mesh = kept(given)
+    mesh = with_inside(replace(given, source=given.name), solid=None)
     bvh = signed_bvh(mesh)
     assert (mesh_signed_distance(bvh, np.array([point]))[0] < 0.0) == is_inside
     # Nothing far away is inside, and the distance is that to the triangles there.

@@ -11,8 +11,9 @@ from file_faults import changed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_rings import make_setup, session_file, solved_ticks
+from mesh_oracle import to_cone
 from short_grasp import short_grasp, short_scene
-from sphere_scenes import bumpy_ball, palm_centers
+from sphere_scenes import bumpy_ball, palm_spheres
 
 from hhsim.arrays import FloatArray, IntArray
 from hhsim.errors import DamagedFileError
@@ -58,7 +59,7 @@ def found(placed: PlacedHand) -> ContactPoints:
 
 def balls(placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArray]:
     """Centres [m] and radii [m] of balls that each body is made of, the palm's and 2,001 along each phalanx."""
-    center = [palm_centers(HAND.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])]
+    center = [palm_spheres(HAND.palm_tree.leaf_center, placed.position, placed.orientation)[tick]]
     radius = [HAND.palm_tree.leaf_radius]
     part = [np.arange(15, 15 + len(radius[0]))]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
@@ -73,22 +74,22 @@ def balls(placed: PlacedHand, tick: int) -> tuple[FloatArray, FloatArray, IntArr
 def test_the_points_are_those_of_every_touching_pair(placed: PlacedHand, found: ContactPoints) -> None:
     assert np.all(np.diff(found.tick) >= 0)
     assert len(found.tick) > 300, "more than the room at first"
-    for tick in (8,):
-        center, radius, part = balls(placed, tick)
-        away = np.linalg.norm(center[:, None] - TREE.leaf_center, axis=2)
-        gap = away - radius[:, None] - TREE.leaf_radius
-        expected = []
-        for one in range(part.max() + 1):
-            mine = np.flatnonzero(part == one)
-            best = mine[gap[mine].argmin(axis=0)]
-            leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= NEAR)
-            best = best[leaf]
-            along = (TREE.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
-            expected.append(center[best] + radius[best, None] * along)
-        ours, theirs = found.point[found.tick == tick], np.concatenate(expected)
-        assert len(ours) == len(theirs) > 5
-        apart = np.linalg.norm(ours[:, None] - theirs, axis=2)
-        assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-5
+    tick = 8
+    center, radius, part = balls(placed, tick)
+    away = np.linalg.norm(center[:, None] - TREE.leaf_center, axis=2)
+    gap = away - radius[:, None] - TREE.leaf_radius
+    expected = []
+    for one in range(part.max() + 1):
+        mine = np.flatnonzero(part == one)
+        best = mine[gap[mine].argmin(axis=0)]
+        leaf = np.flatnonzero(gap[best, np.arange(len(best))] <= NEAR)
+        best = best[leaf]
+        along = (TREE.leaf_center[leaf] - center[best]) / away[best, leaf][:, None]
+        expected.append(center[best] + radius[best, None] * along)
+    ours, theirs = found.point[found.tick == tick], np.concatenate(expected)
+    assert len(ours) == len(theirs) > 5
+    apart = np.linalg.norm(ours[:, None] - theirs, axis=2)
+    assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 2e-5
 
 
 def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(placed: PlacedHand) -> None:
@@ -97,30 +98,29 @@ def test_the_points_on_a_mesh_are_those_of_every_touching_triangle(placed: Place
     mesh, _ = mesh_features(vertices, faces, closed=True)
     found = find_contact_points(mesh, hand_shape(HAND), placed, NEAR)
     closest: Any = trimesh.triangles.closest_point
-    seen = 0
-    for tick in (7,):
-        center, radius, part = balls(placed, tick)
-        ours = found.tick == tick
-        touched = set()
-        for triangle in vertices[faces]:
-            near = np.flatnonzero(np.linalg.norm(center - triangle.mean(axis=0), axis=1) < radius + 0.01)
-            point = closest(np.repeat(triangle[None], len(near), axis=0), center[near])
-            away = np.linalg.norm(center[near] - point, axis=1)
-            gap = away - radius[near]
-            for one in np.unique(part[near]):
-                mine = np.flatnonzero(part[near] == one)
-                best = mine[gap[mine].argmin()]
-                if gap[best] > NEAR:
-                    continue
-                ball_of = near[best]
-                normal = (center[ball_of] - point[best]) / away[best]
-                same = found.body[ours] == min(one, 15)
-                off = np.linalg.norm(found.point[ours][same] - center[ball_of] + radius[ball_of] * normal, axis=1)
-                assert off.min() < 3e-5
-                assert (found.normal[ours][same][off.argmin()] @ normal) > 1.0 - 1e-5
-                touched.add(min(int(one), 15))
-                seen += 1
-        assert touched == set(found.body[ours].tolist())
+    tick, seen = 7, 0
+    center, radius, part = balls(placed, tick)
+    ours = found.tick == tick
+    touched = set()
+    for triangle in vertices[faces]:
+        near = np.flatnonzero(np.linalg.norm(center - triangle.mean(axis=0), axis=1) < radius + 0.01)
+        point = closest(np.repeat(triangle[None], len(near), axis=0), center[near])
+        away = np.linalg.norm(center[near] - point, axis=1)
+        gap = away - radius[near]
+        for one in np.unique(part[near]):
+            mine = np.flatnonzero(part[near] == one)
+            best = mine[gap[mine].argmin()]
+            if gap[best] > NEAR:
+                continue
+            ball_of = near[best]
+            normal = (center[ball_of] - point[best]) / away[best]
+            same = found.body[ours] == min(one, 15)
+            off = np.linalg.norm(found.point[ours][same] - center[ball_of] + radius[ball_of] * normal, axis=1)
+            assert off.min() < 3e-5
+            assert (found.normal[ours][same][off.argmin()] @ normal) > 1.0 - 1e-5
+            touched.add(min(int(one), 15))
+            seen += 1
+    assert touched == set(found.body[ours].tolist())
     assert seen > 50
 
 
@@ -129,11 +129,11 @@ def test_each_point_lies_on_its_body_with_the_normal_out_of_the_object(
 ) -> None:
     np.testing.assert_allclose(np.linalg.norm(found.normal, axis=1), 1.0, atol=1e-12)
     assert {*found.body.tolist()} >= {1, 7, 15}, "phalanges and palm"
+    palm = palm_spheres(HAND.palm_tree.leaf_center, placed.position, placed.orientation)
     for tick, body, point, normal in zip(*found):
         joints = placed.joints[tick]
         if body == 15:
-            centers = palm_centers(HAND.palm_tree.leaf_center, placed.position[tick], placed.orientation[tick])
-            on_hand = np.abs(np.linalg.norm(centers - point, axis=1) - HAND.palm_tree.leaf_radius).min()
+            on_hand = np.abs(np.linalg.norm(palm[tick] - point, axis=1) - HAND.palm_tree.leaf_radius).min()
         else:
             f, k = divmod(int(body), 3)
             ends = joints[f, k], joints[f, k + 1]
@@ -175,7 +175,6 @@ def grasp(tmp_path_factory: pytest.TempPathFactory) -> Result:
 def test_it_is_what_trimesh_measures_at_every_contact(grasp: Result) -> None:
     run = result_ticks(grasp)
     touched = run.touched
-    assert touched is not None
     placed = PlacedHand(*(grasp[name] for name in PLACED))
     contacts = find_contact_points(touched.surface, touched.shape, placed, touched.touch)
     points = [contacts.point[contacts.tick == tick] for tick in range(grasp.ticks)]
@@ -205,13 +204,9 @@ def test_a_round_cone_is_the_union_of_the_spheres_on_its_axis(seed: int) -> None
     radius_a = random.uniform(0.005, 0.02)
     radius_b = radius_a - random.uniform(0.0, 0.95) * min(length, radius_a)
     points = random.normal(0.0, 0.04, (30, 3))
-    s = np.linspace(0.0, 1.0, 20_001)
-    axis, radius = a + s[:, None] * (b - a), radius_a + s * (radius_b - radius_a)
-    sampled = np.array([(np.linalg.norm(axis - point, axis=1) - radius).min() for point in points])
-    exact = round_cone_distance(points, a, b, radius_a, radius_b)
-    outside = sampled > 0.0
-    assert (exact[outside] <= sampled[outside] + 1e-15).all()
-    np.testing.assert_allclose(exact[outside], sampled[outside], atol=2.0 * length / 20_000)
+    wanted, exact = to_cone(points, a, b, radius_a, radius_b), round_cone_distance(points, a, b, radius_a, radius_b)
+    outside = wanted > 0.0
+    np.testing.assert_allclose(exact[outside], wanted[outside], atol=1e-12)
     assert (exact[~outside] <= 1e-15).all()
 
 

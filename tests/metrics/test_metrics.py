@@ -10,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
-from sphere_scenes import bumpy_ball
+from sphere_scenes import ball, bumpy_ball
 
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.hand_shape import HandShape
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.metrics import metrics
 from hhsim.metrics.input_hand import SAME_DEPTH, Depths, deepest, input_hand, object_depths
 from hhsim.motion.analytic_motion import random_targets, still
@@ -239,38 +238,30 @@ class TestTracking:
         np.testing.assert_allclose(excess, [1.0, 0.0, np.nan, np.nan])
 
 
-class TestTicks:
-    def test_percentiles_in_microseconds(self) -> None:
-        duration = np.arange(1, 102, dtype=np.int64) * 1000
-        duration[-1] = 2_000_000
-        result = metrics.tick_statistics(duration)
-        assert (result.p50, result.p99, result.max) == (51.0, 100.0, 2000.0)
-        assert result.over_budget == pytest.approx(1.0 / 101.0)
-        assert metrics.tick_statistics([1_000_000]).over_budget == 0.0
-        result = metrics.tick_statistics(np.zeros(0, dtype=np.int64))
-        assert np.isnan([result.p50, result.p99, result.max, result.over_budget]).all()
+def test_percentiles_of_ticks_are_in_microseconds() -> None:
+    duration = np.arange(1, 102, dtype=np.int64) * 1000
+    duration[-1] = 2_000_000
+    result = metrics.tick_statistics(duration)
+    assert (result.p50, result.p99, result.max) == (51.0, 100.0, 2000.0)
+    assert result.over_budget == pytest.approx(1.0 / 101.0)
+    assert metrics.tick_statistics([1_000_000]).over_budget == 0.0
+    result = metrics.tick_statistics(np.zeros(0, dtype=np.int64))
+    assert np.isnan([result.p50, result.p99, result.max, result.over_budget]).all()
 
 
-def ball(center: FloatArray, radius: float) -> TreeArrays:
-    x, y, z = (np.full(2, value) for value in center)
-    first, count = np.array([1, -1], dtype=np.int64), np.array([1, 0], dtype=np.int64)
-    return TreeArrays(x, y, z, np.full(2, radius), first, count)
-
-
-class TestPenetration:
-    @pytest.mark.parametrize("place", ["joint", "palm"])
-    def test_nan_in_the_file_shows(self, place: str) -> None:
-        joints, position = np.full((1, 5, 4, 3), 1.0), np.zeros((1, 3))
-        if place == "joint":
-            joints[0, 4, 3, 0] = np.nan
-        else:
-            position[0, 0] = np.nan
-        palm, turn = (np.ones((1, 3)), np.array([0.01])), np.array([[1.0, 0.0, 0.0, 0.0]])
-        shape = HandShape(np.full((5, 4), 0.005), *palm)
-        result = metrics.penetration(ball(np.zeros(3), 0.03), shape, PlacedHand(joints, position, turn))
-        assert np.isnan(result.depth[0])
-        assert np.isnan(result.palm[0]) == (place == "palm")
-        np.testing.assert_array_equal(np.isnan(result.finger[0]), [False] * 4 + [place == "joint"])
+@pytest.mark.parametrize("place", ["joint", "palm"])
+def test_nan_of_a_joint_or_the_palm_is_no_depth(place: str) -> None:
+    joints, position = np.full((1, 5, 4, 3), 1.0), np.zeros((1, 3))
+    if place == "joint":
+        joints[0, 4, 3, 0] = np.nan
+    else:
+        position[0, 0] = np.nan
+    palm, turn = (np.ones((1, 3)), np.array([0.01])), np.array([[1.0, 0.0, 0.0, 0.0]])
+    shape = HandShape(np.full((5, 4), 0.005), *palm)
+    result = metrics.penetration(ball(0.03).arrays(), shape, PlacedHand(joints, position, turn))
+    assert np.isnan(result.depth[0])
+    assert np.isnan(result.palm[0]) == (place == "palm")
+    np.testing.assert_array_equal(np.isnan(result.finger[0]), [False] * 4 + [place == "joint"])
 
 
 HAND = HandModel.default()

@@ -1,6 +1,7 @@
 """Files of motions and tables of text: what is read back, habits of others, and faults in one line."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from hhsim.errors import HhsimError, OutputError, TrajectoryError
 from hhsim.motion.csv_table import NewColumn, edited, read_table
 from hhsim.motion.file import FORMAT, load_trajectory, save_trajectory
 from hhsim.motion.sample_flags import SampleFlag
-from hhsim.motion.trajectory import Phase, Trajectory
+from hhsim.motion.trajectory import ObjectMotion, Phase, Trajectory
 from hhsim.system.checksummed_file import SIZE, seal_holds
 
 
@@ -46,16 +47,24 @@ def assert_same(one: Trajectory, other: Trajectory) -> None:
         assert getattr(one, key).tobytes() == getattr(other, key).tobytes(), key
     for key in ("phases", "name", "source", "licence", "device", "hand"):
         assert getattr(one, key) == getattr(other, key)
+    assert (one.object_motion is None) == (other.object_motion is None)
+    for mine, theirs in zip(one.object_motion or (), other.object_motion or ()):
+        assert mine.tobytes() == theirs.tobytes()
     assert (one.flags is None) == (other.flags is None)
     assert one.flags is None or (one.flags == other.flags).all()
 
 
-@pytest.mark.parametrize(("name", "bare"), [("m.h5", False), ("m.csv", False), ("m.csv", True)])
-def test_a_file_gives_back_every_bit(motion: Trajectory, tmp_path: Path, name: str, bare: bool) -> None:
-    if bare:
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [("m.h5", "whole"), ("m.csv", "whole"), ("m.csv", "bare"), ("m.h5", "moving"), ("m.csv", "moving")],
+)
+def test_a_file_gives_back_every_bit(motion: Trajectory, tmp_path: Path, name: str, kind: str) -> None:
+    if kind == "bare":
         motion = Trajectory(
             motion.time, motion.position, motion.orientation, motion.flexion, motion.abduction, name="m"
         )
+    elif kind == "moving":
+        motion = replace(motion, object_motion=ObjectMotion(motion.position[::-1], motion.orientation[::-1]))
     save_trajectory(motion, tmp_path / name)
     assert_same(load_trajectory(tmp_path / name), motion)
 
@@ -125,6 +134,7 @@ HEADER = (
     )
     + ",thumb_abd,index_abd,middle_abd,ring_abd,little_abd"
 )
+OBJECT = ",".join(f"object_{name}" for name in ("px", "py", "pz", "qq", "qx", "qy", "qz"))
 ROW = "0.0,0,0,0.1,1,0,0,0" + ",0.2" * 15 + ",0" * 5
 
 
@@ -190,6 +200,10 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "no header.csv": (text("# name: x\n\n"), "no header line"),
     "columns.csv": (text("time,px,py\n0,0,0"), "no column pz, qw, qx, qy, qz, thumb_flex1, … of hhsim's own"),
     "column.csv": (text(f"{HEADER},phaze\n{ROW},x"), "unknown column 'phaze': did you mean phase"),
+    "object.csv": (
+        text(f"{HEADER},{OBJECT}\n{ROW}" + ",0" * 7),
+        "no column object_qw of hhsim's own; it has object_qq",
+    ),
     "row.csv": (text(f"# name: x\n{HEADER}\n{ROW}\n{ROW},7"), "line 4 has 29 values; expected 28"),
     "NaN.csv": (text(f"{HEADER}\n" + ROW.replace("0.1,1", "nan,1")), "position has 1 NaN or infinite value"),
     "place.csv": (text(f"# object_position: 1 2\n{HEADER}\n{ROW}"), "# object_position: 1 2; expected 3 numbers"),
@@ -231,9 +245,7 @@ def test_decimal_commas_are_found_where_no_comma_parts_cells_and_told(sign: str)
             read_table(bare)
 
 
-def test_a_sample_is_no_header() -> None:
-    with pytest.raises(HhsimError, match="no header line"):
-        read_table("0.5,1,1\n1.5,2,2\n")
+def test_whole_numbers_may_be_a_header_and_names_stand_for_one() -> None:
     assert read_table("0,1,2\n1.5,2,2\n").header == ("0", "1", "2"), "as pandas names columns without names"
     assert len(read_table("0.5 1\n1.5 2\n", names=("a", "b")).rows) == 2
 
@@ -254,6 +266,7 @@ def test_what_cannot_be_read_is_missing_and_counted_or_refused() -> None:
     ("text", "words"),
     [
         ("# only: remarks\n", "no header line"),
+        ("0.5,1,1\n1.5,2,2\n", "no header line"),
         ("a,b\n", "no line below the header"),
         ("a,a\n1,2\n", "column a twice"),
         ("a,b\n1\n2\n3,4\n", "line 2 has 1 value; expected 2"),

@@ -1,7 +1,6 @@
 """Motions: what one is, the moving object, ticks of it, resampling, tremor, and motions by formula."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +64,10 @@ def spoiled(label: str, index: tuple[int, ...], value: float) -> dict[str, Float
     return {label: array}
 
 
+def moving(position: FloatArray, orientation: FloatArray) -> dict[str, Any]:
+    return {"object_motion": ObjectMotion(position, orientation)}
+
+
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"time": np.zeros((20, 1))}, r"time has shape \(20, 1\); expected \(T,\)"),
     ({"time": np.zeros(0)}, "no samples"),
@@ -87,6 +90,10 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"phases": (Phase("a", 0.0, 0.1), Phase("b", 0.05, 0.2))}, "phase 'b' .* overlaps the one before"),
     *(({"flags": flags}, "flags") for flags in (np.zeros(19), np.full(20, -1), np.full(20, 0.5), np.full(20, np.nan))),
     ({"hand": "both"}, "hand is 'both'; expected right, left"),
+    (moving(np.zeros((19, 3)), np.ones((20, 4))), r"object_position has shape \(19, 3\); expected \(20, 3\)"),
+    (moving(np.full((20, 3), np.nan), np.ones((20, 4))), "object_position has 60 NaN or infinite"),
+    (moving(np.full((20, 3), 400.0), np.ones((20, 4))), "object_position is 400 .* is it in millimetres"),
+    (moving(np.zeros((20, 3)), np.zeros((20, 4))), "object_orientation has 20 zero quaternion"),
 ]
 
 
@@ -95,16 +102,6 @@ def test_bad_motions_are_refused_in_one_line(changes: dict[str, Any], message: s
     with pytest.raises(TrajectoryError, match=message) as caught:
         motion(**changes)
     assert "\n" not in str(caught.value)
-
-
-def test_resampling_at_the_sample_rate_changes_no_bit() -> None:
-    given = motion(count=300, rate=1000.0)
-    for mode in ("interpolate", "hold"):
-        ticks = given.resampled(1000.0, mode)
-        assert ticks.input_seq.tolist() == list(range(300))
-        for name in ("position", "orientation", "flexion", "abduction"):
-            assert getattr(ticks, name).tobytes() == getattr(given, name).tobytes()
-        assert ticks.position.flags.writeable and ticks.position.flags.c_contiguous
 
 
 def test_a_recording_that_starts_late_is_replayed_from_its_first_stamp() -> None:
@@ -152,23 +149,6 @@ def test_the_first_ticks_are_those_of_the_whole_and_end_the_phase_under_way() ->
     assert whole.first(10_000).phases == whole.phases and whole.first(10_000).tick_count == whole.tick_count
 
 
-TIME = np.arange(40) / 200.0
-
-
-def unmoving(count: int = 40) -> Trajectory:
-    random = np.random.default_rng(3)
-    return Trajectory(
-        TIME[:count],
-        random.normal(0.0, 0.1, (count, 3)),
-        random.normal(size=(count, 4)),
-        np.full((count, 5, 3), 0.2),
-        np.zeros((count, 5)),
-        object_position=np.array([0.1, -0.2, 0.3]),
-        object_orientation=np.array([0.8, 0.0, 0.6, 0.0]),
-        name="still",
-    )
-
-
 @given(st.integers(0, 2**32 - 1))
 def test_what_the_object_sees_is_the_inverse_by_scipys_rotations(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -187,48 +167,15 @@ def test_what_the_object_sees_is_the_inverse_by_scipys_rotations(seed: int) -> N
 
 
 def test_ticks_on_a_sample_take_its_pose_bit_for_bit_and_others_lie_between() -> None:
-    motion = carried(unmoving(), swing(TIME))
-    assert motion.object_motion is not None
-    assert motion.object_position.tobytes() == motion.object_motion.position[0].tobytes()
-    ticks = motion.resampled(1000.0).object_motion
-    assert ticks is not None
-    for at_tick, at_sample in zip(ticks, motion.object_motion):
+    place = {"object_position": [0.1, -0.2, 0.3], "object_orientation": [0.8, 0.0, 0.6, 0.0]}
+    given = carried(motion(40, 200.0, **place), swing(np.arange(40) / 200.0))
+    poses = given.object_motion
+    assert given.object_position.tobytes() == poses.position[0].tobytes()
+    ticks = given.resampled(1000.0).object_motion
+    for at_tick, at_sample in zip(ticks, poses):
         np.testing.assert_array_equal(at_tick[::5], at_sample)
     np.testing.assert_allclose(np.linalg.norm(ticks.orientation, axis=1), 1.0, atol=1e-15)
-    held = motion.resampled(1000.0, "hold").object_motion
-    assert held is not None
-    np.testing.assert_array_equal(held.position[3], motion.object_motion.position[0])
-
-
-@pytest.mark.parametrize("suffix", [".h5", ".csv"])
-def test_a_file_gives_the_objects_motion_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
-    motion = carried(unmoving(), swing(TIME))
-    path = tmp_path / f"m{suffix}"
-    save_trajectory(motion, path)
-    back = load_trajectory(path)
-    assert motion.object_motion is not None and back.object_motion is not None
-    for given_, read in zip(motion.object_motion, back.object_motion):
-        assert given_.tobytes() == read.tobytes()
-    if suffix == ".csv":
-        path.write_text(path.read_text().replace("object_qw", "object_qq"))
-        with pytest.raises(TrajectoryError, match="no column object_qw of hhsim's own; it has object_qq instead"):
-            load_trajectory(path)
-
-
-@pytest.mark.parametrize(
-    ("position", "orientation", "says"),
-    [
-        (np.zeros((39, 3)), np.ones((40, 4)), r"object_position has shape \(39, 3\); expected \(40, 3\)"),
-        (np.full((40, 3), np.nan), np.ones((40, 4)), "object_position has 120 NaN or infinite"),
-        (np.full((40, 3), 400.0), np.ones((40, 4)), "object_position is 400 .* is it in millimetres"),
-        (np.zeros((40, 3)), np.zeros((40, 4)), "object_orientation has 40 zero quaternion"),
-    ],
-)
-def test_a_bad_motion_of_the_object_is_refused_in_one_line(
-    position: np.ndarray, orientation: np.ndarray, says: str
-) -> None:
-    with pytest.raises(TrajectoryError, match=says):
-        replace(unmoving(), object_motion=ObjectMotion(position, orientation))
+    np.testing.assert_array_equal(given.resampled(1000.0, "hold").object_motion.position[3], poses.position[0])
 
 
 def stamps(rng: np.random.Generator, count: int) -> FloatArray:
@@ -331,9 +278,6 @@ def test_values_out_of_range_are_refused(values: dict[str, Any], message: str) -
         Disturbance(**values)
 
 
-SEEDS = st.integers(0, 2**32 - 1)
-
-
 def test_a_line_goes_at_constant_speed_and_arrives() -> None:
     start = still((0.0, 0.0, 0.1), quaternion(np.array([0.1, 0.0, 0.0])), 0.2)
     goal = still((0.1, 0.0, 0.0), quaternion(np.array([0.0, 0.9, 0.3])), 0.5, 0.1)
@@ -368,4 +312,6 @@ def test_a_replay_from_a_file_gets_the_replayed_motion_bit_for_bit(
     for mode in modes:
         ticks = load_trajectory(path).resampled(1000.0, mode)
         assert equal(HandConfiguration.of(ticks), motion)
+        assert ticks.input_seq.tolist() == list(range(200))
+        assert ticks.position.flags.writeable and ticks.position.flags.c_contiguous
     assert equal(replayed(motion), motion)

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,11 +28,10 @@ from hhsim.result.labelled import export_ticks
 from hhsim.result.motion import load_result_motion
 from hhsim.result.reader import Result, load_hand, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
-from hhsim.scene.declared_bodies import DeclaredBodies, load_object
+from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, open_scene, require_one_object, tree_maker
-from hhsim.scene.script import Script
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.scene_solver import SceneSolver, seen_scene
 from hhsim.verify.free_object_checks import free_claims
@@ -53,30 +51,9 @@ PRESSED = (
 )
 
 
-def played(object_: str | Path, motion: str | Script, path: Path, ticks: int | None = None) -> Result:
-    scene = open_scene(object_, motion, solid=False, level=2)
-    replay_scene(scene if ticks is None else scene.first(ticks), MESH, path)
-    return load_result(path)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Result]:
-    """Results by the names of their objects, each run once."""
-    motions: dict[str, tuple[str, int | None]] = {
-        "door": ("swing", None),
-        "drawer": ("shut", None),
-        "chest": ("lift", None),
-        "blocks": ("stack", TICKS),
-    }
-    folder, made = tmp_path_factory.mktemp("bodies"), dict[str, Result]()
-
-    def result(name: str) -> Result:
-        if name not in made:
-            motion, ticks = motions[name]
-            made[name] = played(name, motion, folder / f"{name}.h5", ticks)
-        return made[name]
-
-    return result
+def played(name: str, motion: str, path: Path, ticks: int | None = None) -> Result:
+    scene = open_scene(name, motion, solid=False, level=2)
+    return result_of(scene if ticks is None else scene.first(ticks), path, surface="mesh")
 
 
 def failed(result: Result) -> set[str]:
@@ -88,8 +65,9 @@ def column(result: Result, body: str, name: str) -> Any:
     return np.asarray(result.bodies[body][name])
 
 
-def test_the_door_opens_and_stays_where_the_hand_leaves_it(results: Callable[[str], Result]) -> None:
-    turn, place = (column(results("door"), "leaf", name) for name in ("orientation", "position"))
+def test_the_door_opens_and_stays_where_the_hand_leaves_it(tmp_path: Path) -> None:
+    door = played("door", "swing", tmp_path / "door.h5")
+    turn, place = (column(door, "leaf", name) for name in ("orientation", "position"))
     angle = -2.0 * np.degrees(np.arctan2(turn[:, 3], turn[:, 0]))
     assert angle[-1] > 30.0 and np.abs(np.diff(angle[-500:])).max() < 1e-9
     assert np.abs(turn[:, 1:3]).max() < 1e-12, "about the hinge alone"
@@ -99,8 +77,8 @@ def test_the_door_opens_and_stays_where_the_hand_leaves_it(results: Callable[[st
     np.testing.assert_allclose(turned + place - (place[0] + hinge), 0.0, atol=1e-9)
 
 
-def test_each_body_has_its_poses_and_forces(results: Callable[[str], Result]) -> None:
-    result = results("blocks")
+def test_each_body_has_its_poses_and_forces(tmp_path: Path) -> None:
+    result = played("blocks", "stack", tmp_path / "blocks.h5", TICKS)
     assert [(name, body.kind) for name, body in result.bodies.items()] == [
         (name, "free") for name in ("red", "green", "blue")
     ]
@@ -178,18 +156,10 @@ HANDS = HandModel.default("right"), HandModel.default("left")
 SCRIPT = shortened(load_script("grasp"), 0.7)
 
 
-def scene_of_both(name: str = "cylinder", script: Any = SCRIPT, level: int = 2) -> Scene:
-    bodies = load_bodies_of(name, level)
-    return described_scene(SceneWords(object=name, trajectory=script.name), bodies, HANDS, (script, script)).scene
-
-
-def load_bodies_of(name: str, level: int) -> DeclaredBodies:
-    return load_object(name).with_trees(tree_maker(level))
-
-
 @pytest.fixture(scope="module")
 def block_scene() -> Scene:
-    return scene_of_both()
+    words = SceneWords(object="cylinder", trajectory=SCRIPT.name)
+    return described_scene(words, load_object("cylinder").with_trees(tree_maker(2)), HANDS, (SCRIPT, SCRIPT)).scene
 
 
 @pytest.fixture(scope="module")
@@ -201,9 +171,7 @@ def both(block_scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Replay
 
 @pytest.fixture(scope="module")
 def stored(both: Replay) -> Path:
-    path = both.hands[0].path
-    assert path is not None
-    return path
+    return both.hands[0].path
 
 
 def test_one_file_holds_both_and_nothing_is_left_beside_it(stored: Path) -> None:
@@ -265,10 +233,10 @@ def test_a_recording_of_two_hands_gives_both_over_the_time_that_both_have(tmp_pa
     path = tmp_path / "two.json"
     path.write_text(json.dumps(whole))
     right, left = two_handed_motions(str(path))
-    assert (right.hand, left.hand) == ("right", "left")  # type: ignore[union-attr]
+    assert (right.hand, left.hand) == ("right", "left")
     for motion in (right, left):
-        assert motion.sample_count == 25  # type: ignore[union-attr]
-        np.testing.assert_allclose(motion.position, right.position, atol=1e-9)  # type: ignore[union-attr]
+        assert motion.sample_count == 25
+        np.testing.assert_allclose(motion.position, right.position, atol=1e-9)
     path.write_text(json.dumps(document("right")))
     with pytest.raises(TrajectoryError, match="no left hand"):
         two_handed_motions(str(path))
@@ -285,15 +253,15 @@ def test_two_hands_without_a_world_keep_their_distance(origin: float, tmp_path: 
     path.write_text(json.dumps(frames))
     for reading in (None, {"world_up": "y"}):
         right, left = two_handed_motions(str(path), reading)
-        apart = np.median(left.position - right.position, axis=0)  # type: ignore[union-attr]
+        apart = np.median(left.position - right.position, axis=0)
         np.testing.assert_allclose(apart, [0.3, 0.0, 0.0], atol=0.03)
-    assert np.linalg.norm(right.position, axis=1).max() < 2.0  # type: ignore[union-attr]
+    assert np.linalg.norm(right.position, axis=1).max() < 2.0
 
 
 def test_a_result_of_two_hands_is_a_motion_of_both(stored: Path) -> None:
     motions = two_handed_motions(str(stored))
     for motion, found in zip(motions, load_result(stored).hands.values()):
-        np.testing.assert_array_equal(motion.position, found["haptic/position"])  # type: ignore[union-attr]
+        np.testing.assert_array_equal(motion.position, found["haptic/position"])
     with pytest.raises(TrajectoryError, match="is of one hand"):
         two_handed_motions("finger-tap")
 

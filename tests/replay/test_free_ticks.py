@@ -36,7 +36,7 @@ from hhsim.result.schema import CONTACT_COLUMNS, FREE_COLUMNS, SCHEMA_VERSION, T
 from hhsim.scene.body import Driven
 from hhsim.scene.described_scene import SceneWords, load_words
 from hhsim.scene.motion_catalogue import load_script
-from hhsim.scene.scene import Scene, make_scene, open_scene
+from hhsim.scene.scene import make_scene, open_scene
 from hhsim.scene.synthesis import synthesize
 from hhsim.solver.options import SolverOptions
 from hhsim.trees.cache import cached_sphere_tree
@@ -206,19 +206,11 @@ def test_the_command_line_drives_or_fixes_the_object_of_a_recording(run: Run, tm
 METHODS = ("coupled", "progressive")
 
 
-@pytest.fixture(scope="module")
-def scene() -> Scene:
-    return short_scene(short_grasp())
-
-
 @pytest.fixture(scope="module", params=METHODS)
-def on_mesh(
-    request: pytest.FixtureRequest, scene: Scene, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Result, ReplaySummary]:
+def on_mesh(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, ReplaySummary]:
     path = tmp_path_factory.mktemp("mesh") / f"{request.param}.h5"
-    summary = replay_scene(
-        scene, SolverOptions(method=request.param, surface="mesh"), path, description={"hand_file": None}
-    )
+    options = SolverOptions(method=request.param, surface="mesh")
+    summary = replay_scene(short_scene(short_grasp()), options, path, description={"hand_file": None})
     return load_result(path), summary
 
 

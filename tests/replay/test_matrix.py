@@ -19,7 +19,7 @@ import pytest
 from conftest import REPOSITORY, Run, sampled
 from markdown_pages import Page
 from short_grasp import result_of
-from sphere_scenes import result_clearance
+from sphere_scenes import object_tree, result_clearance
 
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_STUCK
@@ -30,10 +30,8 @@ from hhsim.replay.verdict import NOT_JUDGED, OK, UNTOUCHED
 from hhsim.result.reader import Result
 from hhsim.result.schema import TICK_COLUMNS
 from hhsim.scene.motion_catalogue import describe, load_script, trajectory_names
-from hhsim.scene.scene import Scene, make_scene
+from hhsim.scene.scene import make_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 
 TRAJECTORIES = ("touch", "pinch", "grasp", "whole-hand", "slide")
 METHODS = ("coupled", "progressive")
@@ -42,12 +40,6 @@ TICKS = 3000
 VARIATION = 0.18
 """Largest mean one-tick change of the total force in a hold [%]."""
 HAND = HandModel.default("right")
-
-
-def scene_of(name: str, trajectory: str) -> Scene:
-    thing = load_object(name)
-    tree = cached_sphere_tree(thing.mesh, TreeOptions(level=thing.level))
-    return make_scene(thing.mesh, tree, HAND, load_script(trajectory))
 
 
 def all_pairs(result: Result, every: int) -> float:
@@ -85,7 +77,7 @@ def matrix() -> list[Any]:
 def test_every_replay_is_free_of_penetration_and_comes_to_rest(
     name: str, trajectory: str, methods: tuple[str, ...], every: int, tmp_path: Path
 ) -> None:
-    scene = scene_of(name, trajectory)
+    scene = make_scene(load_object(name).mesh, object_tree(name), HAND, load_script(trajectory))
     assert scene.ticks.tick_count == TICKS
     for method in methods:
         result = result_of(scene, tmp_path / f"{method}.h5", method=method)

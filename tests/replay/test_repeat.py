@@ -37,22 +37,12 @@ ODD_OPTIONS = {
 @pytest.fixture(scope="module")
 def hand() -> HandModel:
     """No default in any field."""
-    usual = HandModel.default("right", hand_length=0.19)
-    turned = np.array([-1.0, 1.0, 1.0])
-    return replace(
-        usual,
-        side="left",
-        base=usual.base * turned,
-        distal=usual.distal * turned,
-        dorsal=usual.dorsal * turned,
-        length=usual.length * 1.01,
-        radius=usual.radius * 0.99,
-        flexion_min=usual.flexion_min * 0.9,
-        flexion_max=usual.flexion_max * 0.95,
-        abduction_min=usual.abduction_min * 0.8,
-        abduction_max=usual.abduction_max * 0.7,
-        palm_tree=at_level(usual.palm_tree, 1),
-    )
+    usual, turned = HandModel.default("right", hand_length=0.19), np.array([-1.0, 1.0, 1.0])
+    factors = {"base": turned, "distal": turned, "dorsal": turned, "length": 1.01, "radius": 0.99} | {
+        "flexion_min": 0.9, "flexion_max": 0.95, "abduction_min": 0.8, "abduction_max": 0.7
+    }  # fmt: skip
+    other: Any = {name: getattr(usual, name) * factor for name, factor in factors.items()}
+    return replace(usual, side="left", palm_tree=at_level(usual.palm_tree, 1), **other)
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from conftest import sampled
 from short_grasp import shortened
-from sphere_scenes import bumpy_ball, random_targets, record_clearance, result_clearance
+from sphere_scenes import bumpy_ball, object_tree, random_targets, record_clearance, result_clearance
 
 from hhsim.errors import InputError
-from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
@@ -30,8 +29,6 @@ from hhsim.solver import scene_solver
 from hhsim.solver.hand_solver import HandSolver, WarmUp
 from hhsim.solver.options import UNLIMITED, SolverOptions
 from hhsim.solver.scene_solver import SceneSolver
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.triangle_tree import coarsest_sphere_tree
 from tools.shapes.generators import sphere
 
@@ -134,13 +131,6 @@ BALL = bumpy_ball(1200)
 METHODS = ("coupled", "progressive")
 
 
-def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:
-    """The hand comes down on the ball with curled fingers, deeper than it can; `depth` is where it ends [m]."""
-    curled = np.full((5, 3), 0.6)
-    start, end = still([0.0, -0.06, 0.16], flexion=curled), still([0.0, -0.06, depth], flexion=curled)
-    return start.line(end, ticks - 1)
-
-
 @pytest.mark.parametrize(
     ("method", "fingers"),
     sampled(
@@ -149,7 +139,9 @@ def closing(ticks: int = 400, depth: float = 0.02) -> HandConfiguration:
     ),
 )
 def test_fingers_that_a_scene_does_not_use_follow_the_users_hand(method: str, fingers: tuple[str, ...]) -> None:
-    motion = closing()
+    # The hand comes down on the ball with curled fingers, deeper than it can.
+    start, end = (still([0.0, -0.06, height], flexion=0.6) for height in (0.16, 0.02))
+    motion = start.line(end, 399)
     options = SolverOptions(method=method, fingers=fingers)
     record = HandSolver(HAND, BALL.arrays(), options).run(*motion)
     clearance = record_clearance(HAND, BALL, record)
@@ -192,9 +184,9 @@ def test_a_budget_ends_the_tick_and_leaves_lag_and_nothing_worse(method: str) ->
 
 def test_the_coarsest_level_within_the_budget_is_chosen() -> None:
     mesh = load_object("cube").mesh
-    bound = {level: cached_sphere_tree(mesh, TreeOptions(level=level)).errors[-1].bound for level in (1, 2, 3)}
     for level in (1, 2, 3):
-        tree = coarsest_sphere_tree(mesh, 1.001 * bound[level])
-        assert (tree.depth, tree.errors[-1].bound) == (level, bound[level])
+        bound = object_tree("cube", level).errors[-1].bound
+        tree = coarsest_sphere_tree(mesh, 1.001 * bound)
+        assert (tree.depth, tree.errors[-1].bound) == (level, bound)
     with pytest.raises(InputError, match="it must be positive and finite"):
         coarsest_sphere_tree(mesh, 0.0)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_scenes import transform
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -44,7 +45,7 @@ HINGE = 'joint.type = "hinge"\njoint.axis = [0.0, 0.0, 1.0]\n'
 
 
 def written(folder: Path, text: str) -> str:
-    path = folder / "two.toml"
+    path = folder / "bodies.toml"
     path.write_text(text)
     return str(path)
 
@@ -82,7 +83,7 @@ def test_a_driven_body_begins_where_its_joint_has_it_and_goes_on_from_there(tmp_
     scene = open_scene(word, "never", solid=False, level=2)
     wall = scene.solids[1]
     np.testing.assert_allclose(wall.placed_mesh.bounds, [[0.15, -0.03, 0.0], [0.25, 0.07, 0.1]], atol=1e-12)
-    assert isinstance(wall.motion, Driven) and wall.motion.values is not None
+    assert isinstance(wall.motion, Driven)
     wanted = np.interp(scene.ticks.time, [0.0, 1.0], [0.02, 0.1])
     np.testing.assert_allclose(wall.motion.values, wanted, atol=1e-12)
     shift = wall.motion.poses.position - [0.2, 0.0, 0.05]
@@ -100,21 +101,11 @@ def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_pat
     rows[:, 0, 0] = rows[:, 1, 1] = np.cos(angle)
     rows[:, 1, 0], rows[:, 0, 1] = np.sin(angle), -np.sin(angle)
     rows[:, 0, 3] = 0.2 + 0.1 * angle
-    np.save(tmp_path / "wall.npy", rows)
-    given = TWO.replace("fixed = true", 'poses = { file = "wall.npy", rate = 30.0, unit = "m" }')
-    word = written(tmp_path, given.replace("[0.2, 0.0, 0.05]", "[0.0, 0.0, 0.05]"))
+    word = recorded(tmp_path, "wall.npy", rows, POSED.replace("[0.2, 0.0, 0.05]", "[0.0, 0.0, 0.05]"))
     found = load_object(word, solid=False).path(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))["wall"]
     np.testing.assert_allclose(found.position, [[x, 0.0, 0.05] for x in (0.2, 0.2, 0.25, 0.3, 0.3)], atol=1e-9)
     turned = 2.0 * np.arctan2(found.orientation[:, 3], found.orientation[:, 0])
     np.testing.assert_allclose(turned, [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)
-    rows[7] = np.nan
-    np.save(tmp_path / "wall.npy", rows)
-    with pytest.raises(InputError, match="lacks the pose of row 7"):
-        load_object(word, solid=False)
-    with pytest.raises(InputError, match=r"has no stamps; expected rate = 30\.0"):
-        load_object(written(tmp_path, given.replace(", rate = 30.0", "")), solid=False)
-    with pytest.raises(InputError, match=r"gone\.npy: no such file"):
-        load_object(written(tmp_path, given.replace("wall.npy", "gone.npy")), solid=False)
 
 
 def test_joints_that_a_script_moves_are_those_of_the_bodies() -> None:
@@ -140,7 +131,6 @@ def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
     scene = open_scene("laptop", "open", solid=False, level=2)
     seen = seen_scene(scene)
     parts = seen.parts
-    assert parts is not None
     lid = parts.values["lid"]
     assert parts.path.shape == (scene.ticks.tick_count, 2, 7)
     assert lid[0] == 0.35
@@ -242,49 +232,44 @@ def test_a_fault_is_one_line_that_names_the_file_and_what_is_wrong(fault: str, t
     assert "\n" not in message
 
 
-def test_a_motion_is_straight_between_its_keyframes_and_constant_outside(tmp_path: Path) -> None:
-    values = load_object(written(tmp_path, BASE + LID)).values(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))
-    assert list(values) == ["lid"]
-    assert np.array_equal(values["lid"], [0.0, 0.0, 0.75, 1.5, 1.5])
-
-
 RECORDED = BASE + LID.replace("motion = [[0.0, 0.0], [1.0, 1.5]]", 'recording = {{ file = "{}", column = "angle" }}')
-
-
-def test_a_recorded_motion_of_either_kind_is_as_its_keyframes(tmp_path: Path) -> None:
-    (tmp_path / "lid.csv").write_text("t,angle\n0.0,0.0\n1.0,1.5\n")
-    np.savez(tmp_path / "lid.npz", t=[0.0, 1.0], angle=[0.0, 1.5])
-    for file in ("lid.csv", "lid.npz"):
-        assert load_object(written(tmp_path, RECORDED.format(file))).values(np.array([0.5]))["lid"] == 0.75
-
-
 ROWS = RECORDED.replace('"angle"', "0, rate = 30.0")
-
-
-def test_arctics_articulation_is_a_column_of_rows_at_a_rate(tmp_path: Path) -> None:
-    rows = np.zeros((31, 7), np.float32)
-    rows[:, 0] = np.linspace(0.0, 1.5, 31)
-    rows[:, 4:] = [1500.0, -900.0, 1200.0]
-    np.save(tmp_path / "box.object.npy", rows)
-    values = load_object(written(tmp_path, ROWS.format("box.object.npy"))).values(
-        np.array([0.0, 1.0 / 60.0, 0.5, 1.0, 2.0])
-    )["lid"]
-    assert values == pytest.approx([0.0, 0.025, 0.75, 1.5, 1.5], abs=1e-6)
-
-
 NAMED = RECORDED.replace('"angle"', '"params/obj_arti", rate = 30.0')
+POSED = TWO.replace("fixed = true", 'poses = {{ file = "{}", rate = 30.0, unit = "m" }}')
+ANGLES = np.linspace(0.0, 1.5, 31, dtype=np.float32)
+HELD = np.array({"params": {"obj_arti": ANGLES, "obj_rot": np.zeros((31, 3))}}, dtype=object)
+MOTIONS: dict[str, tuple[Any, str]] = {
+    # Content of a file of this name beside the bodies', and their text.
+    "none": (None, BASE + LID),
+    "lid.csv": ("t,angle\n0.0,0.0\n1.0,1.5\n", RECORDED),
+    "lid.npz": ({"t": [0.0, 1.0], "angle": [0.0, 1.5]}, RECORDED),
+    # ARCTIC's articulation, beside a pose in millimetres.
+    "box.object.npy": (np.column_stack([ANGLES, 1e3 * np.ones((31, 6), np.float32)]), ROWS),
+    "box.npy": (HELD, NAMED),
+}
 
 
-def test_an_articulation_in_nested_dictionaries_is_named_by_its_keys(tmp_path: Path) -> None:
-    held = {"params": {"obj_arti": np.linspace(0.0, 1.5, 31, dtype=np.float32), "obj_rot": np.zeros((31, 3))}}
-    np.save(tmp_path / "box.npy", np.array(held, dtype=object))
-    values = load_object(written(tmp_path, NAMED.format("box.npy"))).values(np.array([0.0, 1.0 / 60.0, 0.5, 2.0]))[
-        "lid"
-    ]
-    assert values == pytest.approx([0.0, 0.025, 0.75, 1.5], abs=1e-6)
-    for name, said in (("arti", ".*params/arti.*params/obj_arti"), ("obj_rot", r"shapes \(31,\) and \(31, 3\)")):
-        with pytest.raises(InputError, match=rf"box\.npy: {said}"):
-            load_object(written(tmp_path, NAMED.replace("obj_arti", name).format("box.npy")))
+def recorded(folder: Path, name: str, content: Any, text: str) -> str:
+    """Write a file of bodies, and the one beside it that it names."""
+    file = folder / name
+    if isinstance(content, np.ndarray):
+        np.save(file, content)
+    elif isinstance(content, dict):
+        np.savez(file, **content)
+    elif content is not None:
+        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return written(folder, text.format(name))
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_a_motion_by_keyframes_or_of_a_file_is_straight_between_its_values_and_constant_outside(
+    name: str, tmp_path: Path
+) -> None:
+    bodies = load_object(recorded(tmp_path, name, *MOTIONS[name]))
+    values = bodies.values(np.array([-1.0, 0.0, 1.0 / 60.0, 0.5, 1.0, 9.0]))
+    assert list(values) == ["lid"]
+    wanted = [0.0, 0.0, 0.025, 0.75, 1.5, 1.5]
+    np.testing.assert_allclose(values["lid"], wanted, rtol=0.0, atol=1e-6 if name.endswith("npy") else 1e-16)
 
 
 RECORDED_FAULTS: dict[str, tuple[Any, str, str]] = {
@@ -298,6 +283,15 @@ RECORDED_FAULTS: dict[str, tuple[Any, str, str]] = {
     "words": (np.array([["a"] * 7]), ROWS, "array does not hold"),
     "cut": (b"\x93NUMPY", ROWS, "not an .npy array"),
     "no array": (None, ROWS, "lid.npy: "),
+    "other key": (HELD, NAMED.replace("obj_arti", "arti"), "'params/arti': did you mean params/obj_arti"),
+    "another of its keys": (HELD, NAMED.replace("obj_arti", "obj_rot"), "shapes (31,) and (31, 3)"),
+    "a row without a pose": (np.stack([np.eye(4), np.full((4, 4), np.nan)]), POSED, "lacks the pose of row 1"),
+    "poses without stamps": (
+        np.eye(4)[None],
+        POSED.replace(", rate = 30.0", ""),
+        "has no stamps; expected rate = 30.0",
+    ),
+    "no poses": (None, POSED, "no such file"),
     "table beyond": ("t,angle\n0.0,0.0\n1.0,2.5\n", RECORDED, "motion[2] has the value 2.5, beyond the limits"),
     "table with NaN": ("t,angle\n0.0,0.0\n1.0,nan\n", RECORDED, "lacks a number"),
     "other column": ("t,angel\n0.0,0.0\n", RECORDED, "angle"),
@@ -308,15 +302,12 @@ RECORDED_FAULTS: dict[str, tuple[Any, str, str]] = {
 @pytest.mark.parametrize("fault", RECORDED_FAULTS)
 def test_a_fault_of_a_recorded_motion_names_its_file(fault: str, tmp_path: Path) -> None:
     content, text, expected = RECORDED_FAULTS[fault]
-    file = tmp_path / ("lid.csv" if text is RECORDED else "lid.npy")
-    if isinstance(content, np.ndarray):
-        np.save(file, content)
-    elif content is not None:
-        file.write_bytes(content if isinstance(content, bytes) else content.encode())
+    name = "lid.csv" if text is RECORDED else "lid.npy"
     with pytest.raises(InputError) as raised:
-        load_object(written(tmp_path, text.format(file.name)))
-    message = str(raised.value)
-    assert message.startswith(f"{file}: ")
+        load_object(recorded(tmp_path, name, content, text))
+    # Poses are told of by the file of bodies, which names it.
+    message = str(raised.value).removeprefix(f"{tmp_path / 'bodies.toml'}: ")
+    assert message.startswith(f"{tmp_path / name}: ")
     assert expected in message
     assert "\n" not in message
 
@@ -367,17 +358,11 @@ def test_poses_are_the_products_of_homogeneous_matrices(
     )
     poses = DeclaredBodies("bodies", bodies, {}).path(np.array([0.0]))
 
-    def matrix(turn: Rotation, place: np.ndarray) -> np.ndarray:
-        out = np.eye(4)
-        out[:3, :3], out[:3, 3] = turn.as_matrix(), place
-        return out
-
-    none, unit = Rotation.identity(), np.array(axis) / np.linalg.norm(axis)
-    base = matrix(none, np.array(position))
-    about = matrix(none, np.array(origin)) @ matrix(Rotation.from_rotvec(angle * unit), np.zeros(3))
-    about = about @ matrix(none, -np.array(origin))
-    lid = base @ about @ matrix(Rotation.from_quat(np.roll(given_turn, -1)), np.array(position))
-    drawer = lid @ matrix(none, np.array(position) + shift * np.array(way) / np.linalg.norm(way))
+    none, unit, at = Rotation.identity(), np.array(axis) / np.linalg.norm(axis), np.array(position)
+    about = transform(none, origin) @ transform(Rotation.from_rotvec(angle * unit)) @ transform(none, -np.array(origin))
+    base = transform(none, at)
+    lid = base @ about @ transform(Rotation.from_quat(given_turn, scalar_first=True), at)
+    drawer = lid @ transform(none, at + shift * np.array(way) / np.linalg.norm(way))
     for name, expected in (("base", base), ("lid", lid), ("drawer", drawer)):
         place, orientation = poses[name]
         assert np.allclose(place[0], expected[:3, 3], atol=1e-12)

@@ -7,14 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from sphere_scenes import ball, flat_tree, object_tree, record_clearance
+from sphere_scenes import ball, object_tree, record_clearance, sphere_tree
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand import finger_closure as kernel
-from hhsim.kernels.hand.kinematics import HandArrays
 from hhsim.mesh.catalogue import load_object, object_names
 from hhsim.metrics.brute_force_distance import round_cone_contact
 from hhsim.scene import closure_search
@@ -23,29 +22,19 @@ from hhsim.scene.contact_goals import Touch, holds, object_regions, touch_distan
 from hhsim.scene.finger_closure import body_distances, closure_rates, make_work
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.script import Script, ScriptPhase
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.build_closures import searched
 
 HAND = HandModel.default()
-TREE, COARSE = object_tree("cup", 3), object_tree("cup", 2)
-
-
-def pose(seed: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Near the cup: position, rotation, flexion and the distance of each body by the tree."""
-    random = np.random.default_rng(seed)
-    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
-    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
-    work = make_work(HAND.arrays(), TREE.arrays())
-    distance = body_distances(position, rotation, flexion, np.zeros(5), work)
-    return position, rotation, work.joints.copy(), distance
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_region_counts_only_leaves_that_would_be_touched_within_it(seed: int) -> None:
-    position, rotation, joints, _ = pose(seed)
-    touch, coarse = Touch("middle", "inside"), COARSE
+    random, work = np.random.default_rng(seed), make_work(HAND.arrays(), object_tree("cup", 3).arrays())
+    rotation = np.ascontiguousarray(Rotation.random(rng=random).as_matrix())
+    position, flexion = random.uniform(-0.1, 0.1, 3), random.uniform(0.0, 1.0, (5, 3))
+    body_distances(position, rotation, flexion, np.zeros(5), work)
+    touch, coarse, joints = Touch("middle", "inside"), object_tree("cup", 2), work.joints
     (found,) = touch_distances([touch], "cup", HAND, coarse, joints, position, rotation)
     best = np.inf
     for k in range(3):
@@ -77,28 +66,12 @@ def cluster(seed: int, count: int = 60) -> SphereTree:
     center = rng.normal(size=(count, 3))
     center /= np.linalg.norm(center, axis=1, keepdims=True)
     center *= rng.uniform(0.4, 1.0, size=(count, 1)) * rng.uniform(0.025, 0.04, size=3)
-    return flat_tree(center, rng.uniform(0.006, 0.012, size=count))
+    return sphere_tree(center, rng.uniform(0.006, 0.012, size=count))
 
 
-def box(size: tuple[float, float, float] = (0.06, 0.045, 0.09), step: float = 0.015) -> SphereTree:
-    axes = [np.linspace(-s / 2 + step / 2, s / 2 - step / 2, round(s / step)) for s in size]
-    center = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return flat_tree(center, np.full(len(center), 0.8 * step))
-
-
-def near(
-    hand: HandModel, tree: SphereTree, at: FloatArray, rotation: FloatArray, flexion: FloatArray, abduction: FloatArray
-) -> FloatArray:
-    return body_distances(at, rotation, flexion, abduction, make_work(hand.arrays(), tree.arrays()))
-
-
-def brute_distances(
-    hand: HandModel, tree: SphereTree, position: FloatArray, rotation: FloatArray, *angles: FloatArray
-) -> FloatArray:
-    """Every body against every leaf."""
-    orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
-    placed = forward_kinematics(hand, position[None], orientation[None], *(values[None] for values in angles))
-    return np.asarray(record_clearance(hand, tree, placed)[0])
+def near(tree: SphereTree, *pose: FloatArray) -> FloatArray:
+    """Distance of each body at a palm's position and rotation, flexion and abduction."""
+    return body_distances(*pose, make_work(HAND.arrays(), tree.arrays()))
 
 
 def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -114,8 +87,11 @@ def random_pose(rng: np.random.Generator, distance: float) -> tuple[FloatArray, 
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 0.3))
 def test_body_distances_are_the_brute_force_ones(seed: int, distance: float) -> None:
     tree = cluster(seed)
-    pose = random_pose(np.random.default_rng(seed), distance)
-    np.testing.assert_allclose(near(HAND, tree, *pose), brute_distances(HAND, tree, *pose), rtol=0.0, atol=1e-12)
+    position, rotation, *angles = pose = random_pose(np.random.default_rng(seed), distance)
+    orientation = Rotation.from_matrix(rotation).as_quat(scalar_first=True)
+    placed = forward_kinematics(HAND, position[None], orientation[None], *(values[None] for values in angles))
+    clearance = record_clearance(HAND, tree, placed)[0]
+    np.testing.assert_allclose(near(tree, *pose), clearance, rtol=0.0, atol=1e-12)
 
 
 @settings(max_examples=15)
@@ -130,22 +106,13 @@ def test_the_hand_advances_to_its_gaps_and_through_nothing(seed: int) -> None:
     work = make_work(HAND.arrays(), tree.arrays())
     travel, body = kernel.advance_hand(position, *posture, direction, gap, 1.0, work)
     for share in np.linspace(0.0, 1.0, 200):
-        left = near(HAND, tree, position + share * travel * direction, *posture) - gap
+        left = near(tree, position + share * travel * direction, *posture) - gap
         assert (left >= -1e-12).all()
     if body >= 0:
         assert int(np.argmin(left)) == body
         assert 0.0 <= left[body] <= kernel.CONTACT
     else:
         assert travel == 1.0
-
-
-def close(
-    hand: HandArrays, tree: SphereTree, finger: int, position: FloatArray, rotation: FloatArray, rate: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
-    work = make_work(hand, tree.arrays())
-    kernel.close_finger(position, rotation, finger, rate, np.zeros(5), flexion, work, touching)
-    return flexion, touching[finger]
 
 
 @settings(max_examples=25)
@@ -157,27 +124,31 @@ def test_a_closing_finger_stops_at_contact_or_at_its_limits(seed: int, finger: i
     tree = cluster(seed).transformed(np.eye(3), np.array([0.0, 0.06, -0.08]) + rng.uniform(-0.03, 0.03, size=3))
     rate = closure_rates(rng.uniform(0.2, 1.5))[finger]
     own = slice(3 * finger, 3 * finger + 3)
-    if near(HAND, tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
+    if near(tree, np.zeros(3), np.eye(3), np.zeros((5, 3)), np.zeros(5))[own].min() <= kernel.CONTACT:
         return
-    flexion, touching = close(hand, tree, finger, np.zeros(3), np.eye(3), rate)
+    flexion, touching = np.zeros((5, 3)), np.full((5, 3), np.nan)
+    work = make_work(hand, tree.arrays())
+    kernel.close_finger(np.zeros(3), np.eye(3), finger, rate, np.zeros(5), flexion, work, touching)
     others = np.delete(flexion, finger, axis=0)
     assert (others == 0.0).all()
-    reached = near(HAND, tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
+    reached = near(tree, np.zeros(3), np.eye(3), flexion, np.zeros(5))[own]
     assert (reached > 0.0).all()
-    assert (reached[touching == 1.0] <= kernel.CONTACT).all()
+    assert (reached[touching[finger] == 1.0] <= kernel.CONTACT).all()
     # Every joint that could still move is held by a phalanx in contact at it or beyond, or is at its limit.
     for k in range(3):
-        held = touching[k:].any()
+        held = touching[finger, k:].any()
         assert held or flexion[finger, k] == pytest.approx(hand.flexion_max[finger, k], abs=1e-8)
 
 
 def test_a_hand_that_must_not_touch_keeps_its_distance_at_every_stage() -> None:
     script = load_script("never")
-    tree = box()
+    axes = [np.arange(-0.5 * size + 0.0075, 0.5 * size, 0.015) for size in (0.06, 0.045, 0.09)]
+    center = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    tree = sphere_tree(center, np.full(len(center), 0.012))
     closure = plan_finger_closure(script, HAND, tree)
     assert closure.reached == () and closure.missed == ()
     stages = [closure.open + share * (closure.command - closure.open) for share in np.linspace(0.0, 1.0, 101)]
-    gaps = [near(HAND, tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
+    gaps = [near(tree, closure.position, closure.rotation, stage, closure.abduction).min() for stage in stages]
     assert 0.05 <= min(gaps) < 0.08
 
 
@@ -198,10 +169,6 @@ def test_what_no_finger_can_reach_is_refused() -> None:
 
 
 DUE = "not what ships: raise SEARCH_VERSION if the search changed, and run `python -m tools.build_closures`"
-
-
-def tree_of(name: str, level: int) -> SphereTree:
-    return cached_sphere_tree(load_object(name).mesh, TreeOptions(level=level))
 
 
 @pytest.fixture
@@ -228,13 +195,12 @@ def test_all_that_ship_are_what_the_search_finds() -> None:
 
 
 def test_the_catalogue_needs_no_search(searches: list[str]) -> None:
-    item = load_object("bunny")
-    plan_finger_closure(load_script("grasp"), HandModel.default(), tree_of("bunny", item.level))
+    plan_finger_closure(load_script("grasp"), HandModel.default(), object_tree("bunny"))
     assert searches == []
 
 
 def test_a_search_is_kept_by_the_process(searches: list[str]) -> None:
-    question = load_script("pinch"), HandModel.default(hand_length=0.2), tree_of("cube", 2)
+    question = load_script("pinch"), HandModel.default(hand_length=0.2), object_tree("cube", 2)
     first = plan_finger_closure(*question)
     found = encoded(first)
     first.open[:] = 0.0

@@ -3,16 +3,14 @@
 import ast
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
-from conftest import sampled
+from conftest import Run, sampled
 from scipy.spatial.transform import Rotation
 from short_grasp import short_grasp_text
 from sphere_scenes import brute_pairs, bumpy_ball, object_tree
@@ -33,8 +31,6 @@ from hhsim.scene.described_scene import Place, PlacedScene, SceneWords, describe
 from hhsim.scene.motion_catalogue import load_recorded
 from hhsim.scene.recorded_grasp_pose import GraspPlacement, find_grasp, place_at_grasp
 from hhsim.scene.scene import make_scene
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from tools.shapes.generators import cube, sphere
 
@@ -68,11 +64,7 @@ def test_a_recording_says_where_the_object_is() -> None:
     assert scene.hands[0].trajectory.name == "five samples"
 
 
-Run = Callable[..., Any]
-
-
 def test_the_names_of_the_package_are_those_of_its_table_and_its_types() -> None:
-    assert hhsim.__file__ is not None
     source = ast.parse(Path(hhsim.__file__).read_text(encoding="utf-8"))
     (block,) = (node for node in source.body if isinstance(node, ast.If))
     typed = {
@@ -146,7 +138,6 @@ def test_the_hand_is_named_by_its_side() -> None:
 
 
 BALL = load_object("sphere").mesh
-BALL_TREE = cached_sphere_tree(BALL, TreeOptions(level=2))
 
 
 def fist(at: float = 0.4) -> Trajectory:
@@ -175,7 +166,7 @@ def imported(at: float) -> Trajectory:
 
 def placed(motion: Trajectory, place: Place | None = None) -> PlacedScene:
     words = SceneWords(object="sphere", trajectory="fist", place_object=place, rate=100.0)
-    return described_scene(words, DeclaredBodies.of_mesh(BALL, BALL_TREE), [HAND], [motion])
+    return described_scene(words, DeclaredBodies.of_mesh(BALL, object_tree("sphere", 2)), [HAND], [motion])
 
 
 def test_it_is_placed_by_itself_where_nothing_touches() -> None:

@@ -12,7 +12,6 @@ from recording_samples import smooth_recording
 from scipy.spatial.transform import Rotation
 from sphere_scenes import ball, object_tree, record_clearance, row
 
-from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError, UnknownNameError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.fingers import FINGERS
@@ -38,7 +37,6 @@ from hhsim.scene.motion_catalogue import (
 )
 from hhsim.scene.script import Placement, Script, ScriptPhase, parse_script
 from hhsim.scene.synthesis import Course, planned, synthesize, to_and_fro
-from hhsim.trees.sphere_tree import SphereTree
 
 SMALL = """
 [[phase]]
@@ -49,10 +47,6 @@ duration = 0.5
 name = "touch"
 duration = 0.25
 """
-
-
-def parse(text: str) -> Script:
-    return parse_script(text, name="mine", where="mine.toml")
 
 
 def phase(name: str, more: str = "") -> str:
@@ -106,7 +100,7 @@ BAD = [
 @pytest.mark.parametrize(("text", "message"), BAD, ids=[message[:40] for _, message in BAD])
 def test_bad_scripts_are_refused_in_one_line(text: str, message: str) -> None:
     with pytest.raises(TrajectoryError, match=message) as caught:
-        parse(text)
+        parse_script(text, name="mine", where="mine.toml")
     assert str(caught.value).startswith("mine.toml: ")
     assert "\n" not in str(caught.value)
 
@@ -271,7 +265,6 @@ def test_lifts_go_up_shakes_across_and_turns_about_the_fingers_through_the_middl
     # The palm looks down, its fingers along y and a little up.
     tilt = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(0.3), -np.sin(0.3)], [0.0, np.sin(0.3), np.cos(0.3)]])
     moved = Course(script, time, "right", tilt, MIDDLE).taken
-    assert moved is not None
     middle = moved.points(np.tile(MIDDLE, (len(time), 1))) - MIDDLE
     np.testing.assert_allclose(middle[500], [0.0, 0.0, 0.1], atol=1e-12)
     np.testing.assert_allclose(middle[500:1001], np.tile(middle[500], (501, 1)), atol=1e-12)
@@ -385,12 +378,6 @@ def test_the_recorded_tap_of_the_catalogue_goes_into_its_object() -> None:
     assert (index < 0.0).mean() < 0.5, "a tap is no hold"
 
 
-def look(motion: Trajectory, tree: SphereTree, hand: HandModel) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """At every STRIDE-th sample: time (K,), body distances (K, 16), fingertip centres (K, 5, 3)."""
-    placed = forward_kinematics(hand, *HandConfiguration.of(motion).at(slice(None, None, STRIDE)))
-    return motion.time[::STRIDE], record_clearance(hand, tree, placed), placed.joints[:, :, 3]
-
-
 @pytest.mark.parametrize(
     ("name", "item"),
     sampled([(name, item) for name in NAMES for item in object_names()], lambda place, case: place % 22 == 0),
@@ -399,7 +386,8 @@ def test_every_script_does_what_it_says_on_every_object(name: str, item: str) ->
     script, tree = load_script(name), object_tree(item)
     hand = HandModel.default("left") if name in ("pinch", "slide") else HAND
     motion = synthesize(script, hand, tree).seen_from_object()
-    time, distance, tips = look(motion, tree, hand)
+    placed = forward_kinematics(hand, *HandConfiguration.of(motion).at(slice(None, None, STRIDE)))
+    time, distance, tips = motion.time[::STRIDE], record_clearance(hand, tree, placed), placed.joints[:, :, 3]
     assert np.linalg.norm(np.diff(tips, axis=0), axis=2).max() / (STRIDE / script.rate) < 1.5
     assert distance[0].min() > 0.05 and distance[-1].min() > 0.05
     if not script.contact:

@@ -14,11 +14,10 @@ from file_faults import at
 from hypothesis import given
 from hypothesis import strategies as st
 from planted_faults import failing, planted
-from sphere_scenes import CURL, UNTIMED, bumpy_ball, engine_of, random_targets, record_clearance
+from sphere_scenes import CURL, UNTIMED, bumpy_ball, engine_of, object_tree, random_targets, record_clearance
 
 import hhsim.solver.workspace
 from cli.replay import command as replay
-from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, TICKET
@@ -45,8 +44,6 @@ from hhsim.scene.scene import make_scene, open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, SolverOptions
 from hhsim.solver.workspace import tick_options
-from hhsim.trees.cache import cached_sphere_tree
-from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.verify import verify
 
@@ -69,23 +66,6 @@ def joined(blocks: Sequence[TickRecord]) -> TickRecord:
     return TickRecord(*(np.concatenate(values) for values in zip(*blocks)))
 
 
-def assert_sound(hand: HandModel, tree: SphereTree, record: TickRecord) -> FloatArray:
-    """Finite, within the limits, free of penetration by brute force, joints where pose and angles put them."""
-    for name in UNTIMED:
-        assert np.isfinite(getattr(record, name)).all(), name
-    np.testing.assert_allclose(np.linalg.norm(record.orientation, axis=1), 1.0, atol=1e-12)
-    assert (record.flexion >= hand.flexion_min - 1e-9).all()
-    assert (record.flexion <= hand.flexion_max + 1e-9).all()
-    for tick in range(0, len(record.position), 97):
-        placed = hand.joints(
-            record.position[tick], record.orientation[tick], record.flexion[tick], record.abduction[tick]
-        )
-        np.testing.assert_allclose(record.joints[tick], placed, atol=1e-12)
-    clearance = record_clearance(hand, tree, record)
-    assert clearance.min() >= -DEEPEST
-    return clearance
-
-
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(
     ("leaves", "seed", "sweep"),
@@ -99,7 +79,16 @@ def test_random_hands_never_penetrate(method: str, leaves: int, seed: int, sweep
     tree = TREES[leaves]
     solver = HandSolver(hand, tree.arrays(), SolverOptions(method=method))
     record = solver.run(*random_targets(hand, 2400, seed, sweep=sweep))
-    clearance = assert_sound(hand, tree, record)
+    for name in UNTIMED:
+        assert np.isfinite(getattr(record, name)).all(), name
+    np.testing.assert_allclose(np.linalg.norm(record.orientation, axis=1), 1.0, atol=1e-12)
+    assert (record.flexion >= hand.flexion_min - 1e-9).all()
+    assert (record.flexion <= hand.flexion_max + 1e-9).all()
+    shown = HandConfiguration.of(record)
+    for tick in range(0, len(record.position), 97):
+        np.testing.assert_allclose(record.joints[tick], hand.joints(*shown.at(tick)), atol=1e-12)
+    clearance = record_clearance(hand, tree, record)
+    assert clearance.min() >= -DEEPEST
     touching = clearance.min(axis=1) < 1e-5
     assert touching.mean() > 0.3, "the scene hardly provokes"
     stuck = record.status & STATUS_STUCK > 0
@@ -230,8 +219,7 @@ def run(tree: SphereTree, motion: HandConfiguration, threads: int = 1) -> tuple[
     ),
 )
 def test_any_number_of_threads_gives_the_same_bytes(name: str, script: str) -> None:
-    mesh = load_object(name).mesh
-    scene = make_scene(mesh, cached_sphere_tree(mesh, TreeOptions(level=4)), RIGHT, load_script(script), rate=500.0)
+    scene = make_scene(load_object(name).mesh, object_tree(name, 4), RIGHT, load_script(script), rate=500.0)
     motion = HandConfiguration.of(scene.hands[0].ticks)
     alone, _ = run(scene.solids[0].placed_tree, motion)
     assert alone.work[:, WORK_CANDIDATES].max() > 40

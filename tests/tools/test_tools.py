@@ -6,6 +6,7 @@ from importlib.resources import files
 from math import cos, pi, sin, tan
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import trimesh
@@ -110,28 +111,16 @@ def test_nothing_of_an_honest_run_is_called_false(tmp_path: Path, seed: int, run
     assert row["kind"] == "two-hands" or ("friction cones" in names) == (row["kind"] in FREE)
 
 
-def table(*arguments: str) -> str:
-    """Run the tool; it must find no other bits. Its table is returned."""
-    command = [sys.executable, "-m", "tools.same_bits", *arguments]
-    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-def scenes(names: tuple[str, ...]) -> list[str]:
-    return [word for name in names for word in ("--scene", name)]
-
-
 @pytest.mark.soak
 def test_libraries_of_other_processors() -> None:
-    shown = table(*scenes(("coupled", "free", "live session run again")))
-    assert shown.count(" same |") >= 3 * 6
+    scenes = [word for name in ("coupled", "free", "live session run again") for word in ("--scene", name)]
+    command = [sys.executable, "-m", "tools.same_bits", *scenes]
+    done = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count(" same |") >= 3 * 6
 
 
 def test_a_digest_tells_a_changed_bit_and_no_changed_time(tmp_path: Path) -> None:
-    import h5py
-    import numpy as np
-
     digests = []
     for pose, time in ((1.0, 5), (1.0, 6), (np.nextafter(1.0, 2.0), 5)):
         path = tmp_path / "run.h5"

@@ -292,11 +292,10 @@ def test_a_moved_tree_is_proved_of_the_moved_mesh() -> None:
         proved_anew(mirrored, MESH.scaled(1.5))
 
 
-def soup(count: int, seed: int = 3, size: float = 0.03) -> Mesh:
+def soup(count: int) -> Mesh:
     """Loose triangles [m]."""
-    random = np.random.default_rng(seed)
-    middle = random.uniform(-0.05, 0.05, (count, 1, 3))
-    corners = middle + random.normal(size=(count, 3, 3)) * size
+    random = np.random.default_rng(3)
+    corners = random.uniform(-0.05, 0.05, (count, 1, 3)) + random.normal(size=(count, 3, 3)) * 0.03
     return Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), name="soup")
 
 

@@ -1,6 +1,7 @@
 """Trees of other programs, their format and faults; errors and figures of a fit by closed forms and brute force."""
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from scipy.spatial.distance import cdist
 from hhsim.errors import InputError
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
 from hhsim.mesh.mesh import Mesh
+from hhsim.mesh.shapes import box_mesh
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.error import measure_levels, sample_spheres
 from hhsim.trees.file import save_tree
@@ -25,8 +27,7 @@ from hhsim.trees.options import TreeOptions
 from hhsim.trees.sphere_tree import SphereTree
 
 AWAY = np.array([0.3, -0.1, 0.05])
-BOX = trimesh.creation.box((0.1, 0.06, 0.04))
-MESH = Mesh(np.asarray(BOX.vertices) + AWAY, np.asarray(BOX.faces), name="box")
+MESH = replace(box_mesh((0.1, 0.06, 0.04)).transformed(np.eye(3), AWAY), name="box")
 
 
 @cache
@@ -203,14 +204,13 @@ def test_files_that_are_no_tree_are_refused(text: str, message: str, tmp_path: P
     assert "\n" not in str(caught.value)
 
 
-CUBE = trimesh.creation.box((0.2, 0.2, 0.2))
-CUBE_MESH = Mesh(np.asarray(CUBE.vertices), np.asarray(CUBE.faces))
+CUBE = box_mesh((0.2, 0.2, 0.2))
 
 
 def test_figures_are_those_of_the_definitions_on_many_spheres() -> None:
     rng = np.random.default_rng(1)
     center, radius = rng.uniform(-0.08, 0.08, (12, 3)), rng.uniform(0.02, 0.06, 12)
-    fit = measure_fit(CUBE_MESH, center, radius)
+    fit = measure_fit(CUBE, center, radius)
     assert fit.volume_ratio == pytest.approx(4.0 / 3.0 * np.pi * (radius**3).sum() / 0.008)
     inside = rng.uniform(-0.1, 0.1, (50_000, 3))
     within = (np.linalg.norm(inside[:, None] - center, axis=2) < radius).any(axis=1).mean()
@@ -223,7 +223,7 @@ def test_figures_are_those_of_the_definitions_on_many_spheres() -> None:
     assert fit.protrusion_max == pytest.approx(height.max(), rel=0.05)
     assert fit.protrusion_mean == pytest.approx(height[height > 0.0].mean(), rel=0.1)
     assert fit.protrusion_p95 == pytest.approx(np.quantile(height[height > 0.0], 0.95), rel=0.1)
-    surface = trimesh.sample.sample_surface(CUBE, 20_000, seed=2)[0]
+    surface = trimesh.sample.sample_surface(trimesh.Trimesh(CUBE.vertices, CUBE.faces), 20_000, seed=2)[0]
     gap = np.maximum((np.linalg.norm(surface[:, None] - center, axis=2) - radius).min(axis=1), 0.0)
     assert fit.surface_gap_max == pytest.approx(gap.max(), rel=0.05)
     assert fit.surface_gap_mean == pytest.approx(gap.mean(), rel=0.05)
@@ -231,13 +231,8 @@ def test_figures_are_those_of_the_definitions_on_many_spheres() -> None:
     assert fit.surface_coverage == pytest.approx((gap == 0.0).mean(), abs=0.015)
 
 
-SMALL_BOX = trimesh.creation.box((0.1, 0.1, 0.1))
-SMALL_MESH = Mesh(np.asarray(SMALL_BOX.vertices), np.asarray(SMALL_BOX.faces), name="box")
-
-
 def test_errors_are_true() -> None:
-    mesh = SMALL_MESH
-    tree = build_sphere_tree(mesh, TreeOptions(level=2))
+    tree = build_sphere_tree(box_mesh((0.1, 0.1, 0.1)), TreeOptions(level=2))
     rng = np.random.default_rng(17)
     for error in tree.errors:
         center, radius = tree.spheres(error.level)
@@ -256,9 +251,9 @@ def test_errors_are_true() -> None:
 
 
 def test_a_lone_ball_in_closed_form() -> None:
-    bvh = build_mesh_bvh(SMALL_MESH.vertices, SMALL_MESH.faces)
+    small = box_mesh((0.1, 0.1, 0.1))
     tree = build_hierarchy(np.zeros((1, 3)), np.array([0.06]), 1, 8)
-    error = measure_levels(SMALL_MESH, bvh, tree)[-1]
+    error = measure_levels(small, build_mesh_bvh(small.vertices, small.faces), tree)[-1]
     assert error.bound == pytest.approx(0.01)
     assert error.protrusion_max == pytest.approx(0.01, rel=1e-3)
     # Each face lets a cap through whose heights are spread evenly: Archimedes.

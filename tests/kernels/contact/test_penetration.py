@@ -1,13 +1,11 @@
 """Clearances of stored hands by brute force and search; round cones against meshes by closed forms."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mesh_oracle import Cones, along_axes
+from mesh_oracle import Cones, along_axes, box_distance
 from scipy.spatial.transform import Rotation
 from sphere_scenes import sphere_tree
 
@@ -24,29 +22,15 @@ from hhsim.kernels.contact.mesh_distance import (
 )
 from hhsim.kernels.hand.hand_shape import HandShape, StoredHands
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, build_mesh_bvh
-from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.mesh.bvh import build_mesh_bvh
 
 FREE = 1.0
 """A limit [m] that no distance in these scenes reaches."""
 
 
-class PlacedHands(NamedTuple):
-    joints: FloatArray
-    position: FloatArray
-    rotation: FloatArray
-
-
-def run(shape: HandShape, tree: TreeArrays, hands: PlacedHands, limit: float) -> tuple[FloatArray, FloatArray]:
-    palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
-    clearances(tree, StoredHands(shape, *hands), limit, palm, finger)
-    return palm, finger
-
-
-def brute_force(
-    shape: HandShape, leaves: FloatArray, leaf_radius: FloatArray, hands: PlacedHands
-) -> tuple[FloatArray, FloatArray]:
+def brute_force(hands: StoredHands, leaves: FloatArray, leaf_radius: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least signed distances of the palm (T,) and of each finger (T, 5)."""
+    shape = hands.shape
     joints, ticks, count = hands.joints, len(hands.joints), len(leaf_radius)
     palm = shape.palm_center @ hands.rotation.transpose(0, 2, 1)
     away = np.linalg.norm(palm[:, :, None] + hands.position[:, None, None] - leaves, axis=3)
@@ -61,7 +45,7 @@ def brute_force(
     return least, finger.reshape(ticks, 5, 3 * count).min(axis=2)
 
 
-Scene = tuple[HandShape, FloatArray, FloatArray, PlacedHands]
+Scene = tuple[StoredHands, FloatArray, FloatArray]
 
 
 @st.composite
@@ -76,15 +60,16 @@ def scenes(draw: st.DrawFn) -> Scene:
     rotation = np.ascontiguousarray(Rotation.random(ticks, rng=rng).as_matrix()) if ticks else np.zeros((0, 3, 3))
     shape = HandShape(phalanx_radius, 0.03 * rng.normal(size=(palms, 3)), rng.uniform(0.0, 0.015, size=palms))
     center, radius = 0.03 * rng.normal(size=(leaves, 3)), rng.uniform(0.0, 0.01, size=leaves)
-    return shape, center, radius, PlacedHands(joints, spread * rng.normal(size=(ticks, 3)), rotation)
+    return StoredHands(shape, joints, spread * rng.normal(size=(ticks, 3)), rotation), center, radius
 
 
 @settings(max_examples=25)
 @given(scenes(), st.sampled_from([0.0, 0.01, FREE]))
 def test_clearances_equal_brute_force(scene: Scene, limit: float) -> None:
-    shape, center, radius, hands = scene
-    found = run(shape, sphere_tree(center, radius).arrays(), hands, limit)
-    for values, expected in zip(found, brute_force(shape, center, radius, hands)):
+    hands, center, radius = scene
+    palm, finger = np.full(len(hands.joints), np.nan), np.full((len(hands.joints), 5), np.nan)
+    clearances(sphere_tree(center, radius).arrays(), hands, limit, palm, finger)
+    for values, expected in zip((palm, finger), brute_force(hands, center, radius)):
         np.testing.assert_allclose(values, np.minimum(expected, limit), atol=1e-12)
 
 
@@ -93,25 +78,7 @@ HALF = 0.05
 CUBE = trimesh.creation.box((2 * HALF,) * 3)
 
 
-def bvh_of(shape: trimesh.Trimesh) -> MeshBvh:
-    return build_mesh_bvh(np.array(shape.vertices, np.float64), np.array(shape.faces, np.int64))
-
-
-CUBE_BVH = bvh_of(CUBE)
-
-
-def distance(
-    bvh: MeshBvh, a: FloatArray, b: FloatArray, radius_a: float, radius_b: float, limit: float = np.inf
-) -> float:
-    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
-    return round_cone_mesh_distance(bvh, a, b, radius_a, radius_b, limit, RESOLUTION, work)
-
-
-def cube_distance(points: FloatArray) -> FloatArray:
-    """Signed distance of points to the cube in closed form."""
-    over = np.abs(points) - HALF
-    outside = np.linalg.norm(np.maximum(over, 0.0), axis=1)
-    return np.asarray(np.where(over.max(axis=1) > 0.0, outside, over.max(axis=1)))
+CUBE_BVH = build_mesh_bvh(np.array(CUBE.vertices, np.float64), np.array(CUBE.faces, np.int64))
 
 
 @pytest.mark.parametrize(
@@ -131,31 +98,26 @@ def cube_distance(points: FloatArray) -> FloatArray:
 def test_known_distances(
     a: tuple[float, ...], b: tuple[float, ...], radius_a: float, radius_b: float, expected: float
 ) -> None:
-    assert distance(CUBE_BVH, np.array(a), np.array(b), radius_a, radius_b) == pytest.approx(expected, abs=1e-15)
-
-
-def placed(hand: HandModel, height: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joints (1, 5, 4, 3), position (1, 3) and rotation (1, 3, 3) of an open hand over the origin."""
-    position = np.array([[0.0, -0.05, height]])
-    joints = hand.joints(position[0], [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.1), np.zeros(5))
-    return joints[None], position, np.eye(3)[None]
+    work = AxisSearch(np.empty(STACK, np.int64), np.empty(STACK), np.empty((2, DEEPEST_INTERVAL)))
+    cone = np.array(a), np.array(b), radius_a, radius_b
+    assert round_cone_mesh_distance(CUBE_BVH, *cone, np.inf, RESOLUTION, work) == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize("height", [0.06, 0.072, 0.0])
 def test_the_hand_is_as_near_as_its_nearest_part(height: float) -> None:
-    hand = HandModel.default()
-    joints, position, rotation = placed(hand, height)
-    found = np.empty(1)
-    shape = radius, center, palm_radius = hand_shape(hand)
-    hand_mesh_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, np.inf, RESOLUTION, found)
-    tips = np.empty((1, 5))
-    hand_tip_distances(StoredHands(shape, joints, position, rotation), CUBE_BVH, 0.004, RESOLUTION, tips)
-    parts = [cube_distance(center + position[0]) - palm_radius]
+    # An open hand over the origin.
+    hand, position, found, tips = HandModel.default(), np.array([[0.0, -0.05, height]]), np.empty(1), np.empty((1, 5))
+    joints = hand.joints(position[0], [1.0, 0.0, 0.0, 0.0], np.full((5, 3), 0.1), np.zeros(5))[None]
+    stored = StoredHands(hand_shape(hand), joints, position, np.eye(3)[None])
+    radius, center, palm_radius = stored.shape
+    hand_mesh_distances(stored, CUBE_BVH, np.inf, RESOLUTION, found)
+    hand_tip_distances(stored, CUBE_BVH, 0.004, RESOLUTION, tips)
+    parts = [box_distance(center + position[0], HALF) - palm_radius]
     share = np.linspace(0.0, 1.0, 2001)[:, None]
     for f in range(5):
         for k in range(3):
             axis = joints[0, f, k] + share * (joints[0, f, k + 1] - joints[0, f, k])
-            parts.append(cube_distance(axis) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
+            parts.append(box_distance(axis, HALF) - radius[f, k] - share[:, 0] * (radius[f, k + 1] - radius[f, k]))
         # Inside it is the ball of the end.
         expected = parts[-1].min() if parts[-1][-1] >= 0.0 else parts[-1][-1]
         assert tips[0, f] == pytest.approx(min(expected, 0.004), abs=2e-5)

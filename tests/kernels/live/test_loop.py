@@ -53,7 +53,7 @@ from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.workspace import zeroed
 
 ENOUGH = 300
-"""The loop in compiled code, its deadlines, clocks and threads: after samples, by the system's time, all items once."""
+"""Ticks of a run."""
 CLOSING = [Moment(FREE + (FIST - FREE) * i / 60) for i in range(61)]
 
 
@@ -256,7 +256,7 @@ def test_an_event_ends_a_sleep_and_is_taken() -> None:
 
 
 MOST = 6
-"""The loop in compiled code, its deadlines, clocks and threads: after samples, by the system's time, all items once."""
+"""Items of the largest task."""
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]

@@ -29,20 +29,18 @@ RELAXATION = 1e-10
 REPEATS = 60
 
 
-def hand_rows(rng: np.random.Generator, n: int, m: int) -> FloatArray:
-    """Rows of length 1 in the pattern of a hand's: six columns of the palm, three of one finger."""
+def rows_around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rows that a point inside satisfies with some slack, about half of them violated by the target; and the point.
+
+    They have length 1 and the pattern of a hand's: six columns of the palm, three of one finger.
+    """
     matrix: FloatArray = rng.normal(size=(m, n))
     if n > 6:
         owner = rng.integers(0, 1 + (n - 6) // 3, size=m)
         column = np.arange(n - 6) // 3 + 1
         matrix[:, 6:] *= column[None, :] == owner[:, None]
     matrix /= np.linalg.norm(matrix, axis=1)[:, None]
-    return matrix
-
-
-def rows_around(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Rows that a point inside satisfies with some slack, about half of them violated by the target; and the point."""
-    matrix, inside = hand_rows(rng, n, m), rng.normal(size=n)
+    inside = rng.normal(size=n)
     return matrix, matrix @ inside - rng.exponential(0.3, size=m), inside + 2.0 * rng.normal(size=n), inside
 
 
@@ -189,12 +187,6 @@ def solve(
     return Outcome(status, work.x[:n].copy(), multiplier, work)
 
 
-def by_quadprog(matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> FloatArray | None:
-    problem = qpsolvers.Problem(np.eye(target.size), -target, -matrix, -rhs)
-    solution = qpsolvers.solve_problem(problem, "quadprog")
-    return np.asarray(solution.x) if solution.found else None
-
-
 def row_norms(matrix: FloatArray) -> FloatArray:
     norms: FloatArray = np.linalg.norm(matrix, axis=1)
     norms[norms == 0.0] = 1.0
@@ -271,10 +263,10 @@ def test_degenerate_sets_are_solved(name: str, n: int) -> None:
             warm = solve(matrix, rhs, target, guess)
             assert_optimal(warm, matrix, rhs, target)
             np.testing.assert_allclose(warm.x, outcome.x, atol=1e-9 * (1.0 + np.abs(target).max()))
-        expected = by_quadprog(matrix, rhs, target)
+        expected = qpsolvers.solve_problem(qpsolvers.Problem(np.eye(n), -target, -matrix, -rhs), "quadprog")
         # quadprog calls some of these infeasible; where it answers, the optimum is the same.
-        if expected is not None:
-            found, best = (0.5 * float(((x - target) ** 2).sum()) for x in (outcome.x, expected))
+        if expected.found:
+            found, best = (0.5 * float(((x - target) ** 2).sum()) for x in (outcome.x, expected.x))
             assert found == pytest.approx(best, rel=1e-7, abs=1e-9)
 
 

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from conftest import sampled
 from contact_scenes import moved
-from mesh_oracle import Cones, along_axes, from_triangles, least_of_features, random_cones
+from mesh_oracle import Cones, along_axes, box_distance, from_triangles, least_of_features, random_cones
 from sphere_scenes import PALM, palm_spheres, random_hand, set_pose, tick_state
 
 from hhsim.arrays import FloatArray, IntArray
@@ -70,19 +71,17 @@ def soup() -> tuple[FloatArray, IntArray]:
     return place.reshape(-1, 3), np.arange(120).reshape(40, 3)
 
 
-def catalogue(name: str) -> tuple[FloatArray, IntArray]:
-    mesh = load_object(name).mesh
-    return mesh.vertices, mesh.faces
-
-
-def torus() -> tuple[FloatArray, IntArray]:
-    shape = trimesh.creation.torus(0.04, 0.012)
+def arrays(shape: Any) -> tuple[FloatArray, IntArray]:
     return np.asarray(shape.vertices), np.asarray(shape.faces, np.int64)
+
+
+def catalogue(name: str) -> tuple[FloatArray, IntArray]:
+    return arrays(load_object(name).mesh)
 
 
 CLOSED: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {
     **{name: partial(catalogue, name) for name in ("bunny", "cup", "teapot", "cube")},
-    "torus": torus,
+    "torus": lambda: arrays(trimesh.creation.torus(0.04, 0.012)),
 }
 OPEN: dict[str, Callable[[], tuple[FloatArray, IntArray]]] = {"sheet": sheet, "soup": soup}
 
@@ -226,12 +225,6 @@ def test_a_cone_and_a_triangle_by_search_along_its_axis(count: int, seed: int) -
         if not through[i]:
             assert least == pytest.approx(expected[i], abs=FREE_OF_ROUNDING)
     assert 0.004 * count < through.sum() < 0.5 * count
-
-
-def box_distance(points: FloatArray, half: float) -> FloatArray:
-    """Signed distance [m] of points, (N, 3), from a cube about the origin, in closed form."""
-    beyond = np.abs(points) - half
-    return np.asarray(np.linalg.norm(np.maximum(beyond, 0.0), axis=1) + np.minimum(beyond.max(axis=1), 0.0))
 
 
 def test_way_out_of_a_cube_against_the_closed_form() -> None:

@@ -1,10 +1,11 @@
 """Forces by the paper's equations recomputed from poses, and programs of real ticks by another solver."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from contact_scenes import LEFT, RIGHT, body_frames
+from scipy.optimize import minimize_scalar
 from sphere_scenes import (
     CURL,
     PALM,
@@ -24,108 +25,69 @@ from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions
+from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import dense_problem, solve
 from hhsim.trees.sphere_tree import SphereTree
 
-RIGHT = HandModel.default("right")
-LEFT = HandModel.default("left")
 BALL = bumpy_ball(400)
 OVER_THE_BALL = np.array([0.0, -0.045, 0.058])
 
 
-class Hold(NamedTuple):
-    """A hand that has pressed on the ball until nothing moved any more."""
-
-    hand: HandModel
-    options: SolverOptions
-    haptic: HandConfiguration
-    graphic: HandConfiguration
-    record: TickRecord
+Pressed = tuple[HandConfiguration, HandConfiguration, TickRecord]
 
 
-def press(hand: HandModel, method: str, force: str, flat: bool = False, ticks: int = 400) -> Hold:
-    """From above, fingers straight, to a hand inside the ball, curled about it or flat; then hold."""
+def press(hand: HandModel, flat: bool = False, **options: Any) -> Pressed:
+    """From above, fingers straight, to a hand inside the ball, curled about it or flat, until nothing moves any more.
+
+    Returns:
+        The user's hand, the shown one, and the record of the hold.
+    """
     if flat:
         goal = still([-0.02, 0.015, 0.045], abduction=0.02)
     else:
         goal = still(OVER_THE_BALL - [0.0, 0.0, 0.006], flexion=CURL, abduction=0.02)
     start = still(goal.position[0] + [0.0, 0.0, 0.1], abduction=0.02)
-    options = SolverOptions(method=method, force=force)
-    solver = HandSolver(hand, BALL.arrays(), options)
+    solver = HandSolver(hand, BALL.arrays(), SolverOptions(**options))
     solver.run(*start.line(goal, 299))
-    record = solver.run(*goal.hold(ticks - 1))
-    graphic = HandConfiguration(
-        record.position[-1:], record.orientation[-1:], record.flexion[-1:], record.abduction[-1:]
-    )
-    return Hold(hand, options, goal, graphic, record)
+    record = solver.run(*goal.hold(399))
+    return goal, HandConfiguration.of(record).part(399), record
 
 
-@pytest.fixture(scope="module")
-def holds() -> dict[str, Hold]:
-    return {
-        "coupled, curled": press(RIGHT, "coupled", "kkt"),
-        "coupled, flat": press(RIGHT, "coupled", "kkt", flat=True),
-        "progressive, curled": press(RIGHT, "progressive", "kkt"),
-        "progressive, flat": press(RIGHT, "progressive", "kkt", flat=True),
-    }
-
-
-@pytest.fixture(scope="module", params=[RIGHT, LEFT], ids=["right", "left"])
-def paper(request: pytest.FixtureRequest) -> Hold:
-    return press(request.param, "coupled", "paper")
-
-
-def body_frame(hand: HandModel, at: HandConfiguration, body: int) -> tuple[FloatArray, FloatArray]:
-    """Origin (3,) and rotation (3, 3) of a rigid body of the hand in the world, from the hand's definition."""
-    palm = Rotation.from_quat(at.orientation[0], scalar_first=True)
-    if body == PALM:
-        return at.position[0], palm.as_matrix()
-    f, k = divmod(body, 3)
-    sign = 1.0 if hand.side == "right" else -1.0
-    spread = Rotation.from_rotvec(sign * at.abduction[0, f] * hand.dorsal[f])
-    axis = np.cross(hand.dorsal[f], hand.distal[f])
-    curl = Rotation.from_rotvec(at.flexion[0, f, : k + 1].sum() * axis)
-    return hand.joints(*at.at(0))[f, k], (palm * spread * curl).as_matrix()
-
-
-def fingertips_of_figure_9(hold: Hold) -> int:
-    """Hold the fingertip forces against Fig. 9; returns how many fingers bear one."""
-    graphic, haptic = (hold.hand.joints(*at.at(0)) for at in (hold.graphic, hold.haptic))
+@pytest.mark.parametrize("flat", [False, True], ids=["curled", "flat"])
+@pytest.mark.parametrize("method", ["coupled", "progressive"])
+def test_fingertip_forces_are_those_of_figure_9(method: str, flat: bool) -> None:
+    *ends, record = press(RIGHT, flat, method=method)
+    haptic, graphic = (RIGHT.joints(*at.at(0)) for at in ends)
     pressed = 0
     for f in range(5):
-        found = hold.record.fingertip_normal[-1, f]
-        if not hold.record.phalanx[-1, f].any():
+        found = record.fingertip_normal[-1, f]
+        if not record.phalanx[-1, f].any():
             assert not found.any()
             continue
         apart = graphic[f, 3] - haptic[f, 3]
         direction = (graphic[f, 3] - graphic[f, 2]) / np.linalg.norm(graphic[f, 3] - graphic[f, 2])
         across = apart - (apart @ direction) * direction
-        expected = hold.options.stiffness.contact * np.linalg.norm(apart) * across / np.linalg.norm(across)
+        expected = Stiffness().contact * np.linalg.norm(apart) * across / np.linalg.norm(across)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
         pressed += 1
-    return pressed
+    assert pressed == 0 if flat else pressed >= 3
 
 
-def test_fingertip_forces_are_those_of_figure_9(holds: dict[str, Hold]) -> None:
-    for name, hold in holds.items():
-        pressed = fingertips_of_figure_9(hold)
-        assert pressed == 0 if name.endswith("flat") else pressed >= 3
-
-
-def test_paper_forces_are_equation_14_over_the_spheres_in_touch(paper: Hold) -> None:
-    distance = brute_pairs(paper.hand, BALL.leaf_center, BALL.leaf_radius, paper.graphic)
+@pytest.mark.parametrize("hand", [RIGHT, LEFT], ids=["right", "left"])
+def test_paper_forces_are_equation_14_over_the_spheres_in_touch(hand: HandModel) -> None:
+    haptic, graphic, record = press(hand, force="paper")
+    distance = brute_pairs(hand, BALL.leaf_center, BALL.leaf_radius, graphic)
+    there, wanted = body_frames(hand, graphic), body_frames(hand, haptic)
     force = np.zeros((16, 3))
     touching = np.argwhere(distance <= TOUCH)
     assert len(touching) >= 3
     for row, leaf in touching:
         body = min(row, PALM)
-        normal, point = nearest_on_hand(paper.hand, BALL, paper.graphic, row, leaf)
-        (origin, turn), (origin_h, turn_h) = (body_frame(paper.hand, at, body) for at in (paper.graphic, paper.haptic))
-        same_point = origin_h + turn_h @ (turn.T @ (point - origin))
-        force[body] += paper.options.stiffness.contact * np.linalg.norm(point - same_point) * normal
-    np.testing.assert_allclose(paper.record.phalanx[-1].reshape(15, 3), force[:PALM], rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(paper.record.total[-1], force.sum(axis=0), rtol=1e-6, atol=1e-6)
+        normal, point = nearest_on_hand(hand, BALL, graphic, row, leaf)
+        same_point = (wanted[body] @ np.linalg.solve(there[body], [*point, 1.0]))[:3]
+        force[body] += Stiffness().contact * np.linalg.norm(point - same_point) * normal
+    np.testing.assert_allclose(record.phalanx[-1].reshape(15, 3), force[:PALM], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(record.total[-1], force.sum(axis=0), rtol=1e-6, atol=1e-6)
 
 
 def nearest_on_hand(
@@ -145,8 +107,6 @@ def nearest_on_hand(
             x = joints[0] + share * (joints[1] - joints[0])
             return float(np.linalg.norm(center - x) - (radii[0] + share * (radii[1] - radii[0])))
 
-        from scipy.optimize import minimize_scalar
-
         share = float(minimize_scalar(distance, bounds=(0.0, 1.0), method="bounded", options={"xatol": 1e-10}).x)
         share = min((share, 0.0, 1.0), key=distance)
         middle = joints[0] + share * (joints[1] - joints[0])
@@ -159,36 +119,24 @@ TREE = bumpy_ball(600)
 TICKS = 480
 
 
-def harvest(method: str, motion: HandConfiguration, every: int) -> Any:
-    """A solver standing before every `every`-th tick of a motion at which pairs are near, its first program prepared.
-
-    Without a budget, so that the programs are the same whatever work is said to cost, and without bound.
-    """
-    options = SolverOptions(method=method, budget=UNLIMITED, snap_speed=UNBOUNDED)
-    solver = HandSolver(RIGHT, TREE.arrays(), options)
-    ticks = len(motion.position)
-    for first in range(0, ticks, every):
-        solver.run(*motion.part(first, first + every))
-        if first + every < ticks and prepared(solver, motion, first + every) > 0:
-            yield solver
-
-
-def joined(state: Any) -> list[int]:
-    """Fingers to which the palm yielded."""
-    return [f for f in range(5) if state.progressive.yields[f] >= 0]
-
-
 @pytest.mark.parametrize("seed", [2, 3, 4])
 def test_every_step_satisfies_all_rows_of_the_whole_hand(seed: int) -> None:
+    # Without a budget, so that the programs are the same whatever work is said to cost, and without bound.
+    options = SolverOptions(method="progressive", budget=UNLIMITED, snap_speed=UNBOUNDED)
+    solver, motion = HandSolver(RIGHT, TREE.arrays(), options), random_targets(RIGHT, TICKS, seed, sweep=True)
+    state = solver.workspace.states[0]
     solved, yielded = 0, 0
-    for solver in harvest("progressive", random_targets(RIGHT, TICKS, seed, sweep=True), 5):
-        state = solver.workspace.states[0]
+    for first in range(0, TICKS - 5, 5):
+        solver.run(*motion.part(first, first + 5))
+        if prepared(solver, motion, first + 5) == 0:
+            continue
         problem, _ = dense_problem(engine_of(solver).method)
         if solve_prepared(solver) != OPTIMAL:
             assert solve(problem, "quadprog").status == "infeasible"
             continue
         assert (problem.matrix @ state.step.delta - problem.rhs).min() > -1e-9
         solved += 1
-        yielded += bool(joined(state))
+        # Fingers to which the palm yielded.
+        yielded += bool((state.progressive.yields[:5] >= 0).any())
     assert solved > 20
     assert yielded > 3

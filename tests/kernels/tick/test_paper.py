@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from contact_scenes import LEFT, RIGHT, ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -37,13 +38,10 @@ from hhsim.kernels.tick.paper_contacts import ON_FRUSTUM, ON_SPHERE, detect, pal
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
-from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import zeroed
 from hhsim.trees.sphere_tree import SphereTree
 
-RIGHT = HandModel.default("right")
-LEFT = HandModel.default("left")
-ROOT = np.sqrt(Stiffness().diagonal())
 GROWTH = 2e-3
 STEP = 1e-6
 """Of the central differences [m, rad]."""
@@ -82,38 +80,25 @@ def frustum_excess(cone: Frustum, centers: FloatArray, radius: FloatArray) -> tu
     return distance - (radius / math.cos(phi) + k * (cone.r1 - cone.r2) + cone.r2), k
 
 
-def states(hand: HandModel, at: HandConfiguration, closed: bool) -> tuple[Any, Any]:
-    """What a tick and the method keep of a hand in a place."""
-    state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
-    paper.closed = closed
-    set_pose(hand, state.pose, at)
-    frustum_shapes(hand.arrays(), paper.frustum)
-    return state, paper
-
-
-def detected(hand: HandModel, tree: SphereTree, growth: float, state: Any, paper: Any) -> None:
-    detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), growth, state, paper)
-
-
-def scene(
-    seed: int, closed: bool = True, angles: FloatArray | None = None
-) -> tuple[HandModel, SphereTree, HandConfiguration, Any, Any]:
-    """A hand, at these Euler angles if they are given, among spheres, its pairs detected; some penetrate."""
+def scene(seed: int, angles: FloatArray) -> tuple[HandModel, HandConfiguration, Any, Any]:
+    """A hand at these Euler angles among spheres, its pairs detected; some penetrate."""
     random = np.random.default_rng(seed)
     hand = RIGHT if seed % 2 else LEFT
     tree = cloud(random, int(random.integers(1, 400)), spread=0.12)
-    at = random_hand(random, hand, 0.03)
-    if angles is not None:
-        at = at._replace(orientation=Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True))
-    state, paper = states(hand, at, closed)
-    detected(hand, tree, GROWTH, state, paper)
-    return hand, tree, at, state, paper
+    turn = Rotation.from_euler("xyz", angles[None]).as_quat(scalar_first=True)
+    at = random_hand(random, hand, 0.03)._replace(orientation=turn)
+    state, paper = tick_state(ROOT**2), zeroed(PAPER_STATE)[0]
+    paper.closed = True
+    set_pose(hand, state.pose, at)
+    frustum_shapes(hand.arrays(), paper.frustum)
+    detect(hand.arrays(), hand.palm_tree.arrays(), tree.arrays(), GROWTH, state, paper)
+    return hand, at, state, paper
 
 
 @given(SEEDS, ANGLES)
 @settings(max_examples=15)
 def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed: int, angles: FloatArray) -> None:
-    _, _, at, state, paper = scene(seed, angles=angles)
+    _, at, state, paper = scene(seed, angles)
     count = int(state.candidates.count[15])
     euler_axes(angles, paper.axes)
     palm_rows(count, state, paper)
@@ -141,7 +126,7 @@ def test_palm_rows_are_the_first_order_of_eq_8_in_position_and_euler_angles(seed
 @given(SEEDS, ANGLES, st.integers(0, 4))
 @settings(max_examples=25)
 def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: int, angles: FloatArray, f: int) -> None:
-    hand, _, at, state, paper = scene(seed, angles=angles)
+    hand, at, state, paper = scene(seed, angles)
     state.haptic.flexion[f] = at.flexion[0, f] + [0.1, -0.2, 0.3]
     rows = finger_program(hand.arrays(), f, state, paper)
 
@@ -183,7 +168,6 @@ def test_finger_rows_are_the_first_order_of_eq_10_and_13_in_joint_angles(seed: i
 
 BALL = bumpy_ball(300)
 INDEX = 1
-MINIMIZE: Any = minimize
 
 
 def paper(hand: HandModel, tree: SphereTree, motion: HandConfiguration, **options: object) -> TickRecord:
@@ -223,7 +207,7 @@ def test_a_single_contact_converges_to_the_known_optimum(hand: HandModel, radius
         pairs = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, still(np.zeros(3), flexion=posed))
         return 1e3 * float(pairs[3 * INDEX : 3 * INDEX + 3].min())
 
-    best = MINIMIZE(
+    best = minimize(
         lambda angles: float(((angles - bent[INDEX]) ** 2).sum()),
         record.flexion[-1, INDEX] + 1e-3,
         method="SLSQP",

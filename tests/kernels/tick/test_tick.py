@@ -71,15 +71,17 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("method", (*METHODS, "penalty"))
+@pytest.mark.parametrize(
+    "options", [*({"method": name} for name in (*METHODS, "penalty")), {"qp": "quadprog"}], ids=str
+)
 @pytest.mark.parametrize("name", BAD)
-def test_input_that_is_none_is_held(name: str, method: str) -> None:
+def test_input_that_is_none_is_held(name: str, options: dict[str, Any]) -> None:
     channel, index, value = BAD[name]
     motion = still([0.0, -0.045, 0.052], flexion=0.4, ticks=6)
     motion = sequence(still(FREE), motion)
     bad = motion._replace(**{channel: getattr(motion, channel).copy()})
     getattr(bad, channel)[(slice(2, 4), *index)] = value
-    fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(method=method)).run(*moved) for moved in (motion, bad))
+    fine, found = (HandSolver(HAND, BALL.arrays(), SolverOptions(**options)).run(*given) for given in (motion, bad))
     np.testing.assert_array_equal(
         found.status & STATUS_INPUT_INVALID > 0, [False, False, True, True, False, False, False]
     )
@@ -131,20 +133,6 @@ def solver_of(tree: SphereTree, **options: Any) -> HandSolver:
     return HandSolver(HAND, tree.arrays(), SolverOptions(method="penalty", **options))
 
 
-def onto_the_ball(ticks: int = 400) -> HandConfiguration:
-    return still(FREE).line(GRASP, 199).hold(ticks)
-
-
-def shown(record: Any, tick: int) -> HandConfiguration:
-    """The graphic hand of one tick."""
-    return HandConfiguration.of(record).part(tick, tick + 1)
-
-
-def rigid(contact: float, translation: float = 1000.0) -> Stiffness:
-    """A hand that gives way in translation only."""
-    return Stiffness(translation=translation, rotation=1e12, flexion=1e12, penalty=contact)
-
-
 @given(st.floats(1e2, 1e6), st.floats(1e2, 1e4), st.floats(1e-5, 2e-3), st.integers(1, 4), st.integers(0, 2**32 - 1))
 @settings(max_examples=30)
 def test_the_depth_of_one_contact_is_that_of_two_springs_in_a_row(
@@ -160,7 +148,9 @@ def test_the_depth_of_one_contact_is_that_of_two_springs_in_a_row(
     radius = 0.004
     center = joints[1, 3] + (HAND.radius[1, 3] + radius) * normal
     tree = sphere_tree(np.repeat(center[None], spheres, axis=0), np.full(spheres, radius))
-    solver = solver_of(tree, stiffness=rigid(contact, coupling))
+    # A hand that gives way in translation only.
+    stiffness = Stiffness(translation=coupling, rotation=1e12, flexion=1e12, penalty=contact)
+    solver = solver_of(tree, stiffness=stiffness)
     record = solver.run(
         *sequence(still(-0.02 * normal, turn, flexion), still(command * normal, turn, flexion, ticks=400))
     )
@@ -204,12 +194,12 @@ def energy(tree: SphereTree, options: SolverOptions, wanted: HandConfiguration, 
 def test_at_rest_forces_balance_the_coupling_and_the_energy_is_least(stiffness: float) -> None:
     options = SolverOptions(method="penalty", stiffness=Stiffness(penalty=stiffness))
     solver = HandSolver(HAND, FINE_BALL.arrays(), options)
-    motion = onto_the_ball(1500)
+    motion = still(FREE).line(GRASP, 199).hold(1500)
     record = solver.run(*motion)
     assert np.linalg.norm(record.total[-1]) > 1.0
     np.testing.assert_allclose(record.total[-1], record.palm_wrench[-1, :3], atol=1e-6)
     np.testing.assert_allclose(record.phalanx[-1].sum(axis=(0, 1)), record.total[-1], atol=1e-6)
-    wanted, found = motion.part(len(motion.position) - 1, len(motion.position)), shown(record, -2)
+    wanted, found = motion.part(len(motion.position) - 1), HandConfiguration.of(record).part(-2, -1)
     limited = np.isclose(found.flexion[0], HAND.flexion_min) | np.isclose(found.flexion[0], HAND.flexion_max)
     assert np.count_nonzero(limited) <= 1
     for variable in range(21):
