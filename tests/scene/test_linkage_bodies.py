@@ -19,6 +19,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.linkage.file import read_linkage
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene import declared_bodies
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
@@ -140,11 +141,8 @@ def test_one_link_is_a_free_body_of_its_own_mass_and_joint_or_of_those_that_are_
 
 
 PLACED = Trajectory(
-    time=np.array([0.0, 1.0]),
-    position=np.zeros((2, 3)),
-    orientation=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
-    flexion=np.zeros((2, 5, 3)),
-    abduction=np.zeros((2, 5)),
+    np.array([0.0, 1.0]),
+    *still(np.zeros(3), ticks=2),
     object_position=np.array([0.1, 0.2, 0.3]),
     object_orientation=quaternion(np.array([0.3, -0.2, 0.5])),
 )
