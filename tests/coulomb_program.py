@@ -129,12 +129,10 @@ class _Contact:
         return np.array([normal, *along]), float(np.linalg.norm(along)) - normal
 
 
-def solve_coulomb(
-    program: CoulombProgram, sweeps: int = 10_000, enough: float = 1e-14
-) -> tuple[FloatArray, FloatArray]:
+def solve_coulomb(program: CoulombProgram) -> tuple[FloatArray, FloatArray]:
     """Where the program ends, scaled, shape (27,), and its contacts' forces, shape (C, 4): Gauss-Seidel over contacts.
 
-    It ends before all sweeps are made where no gap and no s has changed by more than `enough` [m] in one.
+    It ends where no gap and no s has changed by more than 1e-14 m in a sweep, or after 10,000.
     """
     count = len(program.gap)
     flat = program.rows.reshape(count * PARTS, -1)
@@ -146,7 +144,7 @@ def solve_coulomb(
     blocks = [slice(PARTS * c, PARTS * (c + 1)) for c in range(count)]
     contacts = [_Contact(delassus[block, block]) for block in blocks]
     columns = [np.ascontiguousarray(delassus[:, block]) for block in blocks]
-    for _ in range(sweeps):
+    for _ in range(10_000):
         before = v.copy()
         for c in range(count):
             if p[c, 0] == 0.0 and v[PARTS * c] >= 0.0:
@@ -154,7 +152,7 @@ def solve_coulomb(
             new = contacts[c].solve(v[blocks[c]] - contacts[c].w @ p[c])
             v += columns[c] @ (new - p[c])
             p[c] = new
-        if np.abs(v - before).max() <= enough:
+        if np.abs(v - before).max() <= 1e-14:
             break
     return program.target + flat.T @ p.ravel(), p
 

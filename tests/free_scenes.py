@@ -10,9 +10,10 @@ import trimesh
 from numpy.typing import ArrayLike
 from short_grasp import result_of, short_grasp, short_scene
 
-from hhsim.arrays import AnyArray
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.result.reader import Result
 from hhsim.scene.body import Body, BodyMotion, Free, HalfSpace, Joint
 from hhsim.scene.scene import Scene
@@ -21,7 +22,6 @@ from hhsim.solver.options import SolverOptions, Stiffness
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
-Pose = tuple[AnyArray, AnyArray, AnyArray, AnyArray]
 GRAVITY = 9.81
 
 
@@ -71,10 +71,9 @@ def all_ticks(solver: HandSolver) -> Any:
     return engine.all_ticks
 
 
-def far_hand(ticks: int) -> Pose:
+def far_hand(ticks: int) -> HandConfiguration:
     """A hand that is 1.7 m from the origin and stands still."""
-    flat = np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    return np.full((ticks, 3), 1.0), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), *flat
+    return still((1.0, 1.0, 1.0), ticks=ticks)
 
 
 TIP = 0.008
@@ -98,19 +97,12 @@ def tongs() -> HandModel:
     return replace(hand, **fields, **limits)
 
 
-def closing(width: float) -> tuple[float, float]:
-    """The flexion [rad] at which the tongs touch both faces of a box of a width [m], and where their tips are [m]."""
-    touch = float(np.arcsin((HALF_APART - 0.5 * width - TIP) / REACH))
-    return touch, REACH * float(np.cos(touch))
-
-
-def tongs_at(flexion: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+def tongs_at(flexion: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> HandConfiguration:
     """The tongs closed to a flexion [rad] at each tick, and shifted [m]."""
-    closed = np.atleast_1d(np.asarray(flexion, np.float64))
-    bent = np.zeros((len(closed), 5, 3))
-    bent[:, :2, 0] = closed[:, None]
-    position = np.broadcast_to(np.asarray(shift, np.float64), (len(closed), 3)).copy()
-    return position, np.tile([1.0, 0.0, 0.0, 0.0], (len(closed), 1)), bent, np.zeros((len(closed), 5))
+    closed = np.atleast_1d(flexion)
+    held = still(np.zeros(3), ticks=len(closed))
+    held.flexion[:, :2, 0] = closed[:, None]
+    return held._replace(position=held.position + shift)
 
 
 WIDTH = 0.03
@@ -118,18 +110,16 @@ WIDTH = 0.03
 
 def gripped(mass: float, friction: float, squeeze: float, **others: float) -> tuple[HandSolver, float]:
     """A box that the tongs hold without gravity with a force [N], and their flexion [rad]."""
-    touch, tip = closing(WIDTH)
-    mesh = box((0.02, WIDTH, 0.02), (tip, 0.0, 0.0))
+    # Where they touch both faces.
+    touch = float(np.arcsin((HALF_APART - 0.5 * WIDTH - TIP) / REACH))
+    mesh = box((0.02, WIDTH, 0.02), (REACH * np.cos(touch), 0.0, 0.0))
     # Each finger closes by 20 µm more than to touch; what swings dies out.
     stiffness = Stiffness(translation=1e5, rotation=1e3, flexion=50.0 * squeeze)
     body = body_of(mesh, mass=mass, friction=friction, gravity=(0.0, 0.0, 0.0), damping=20.0, **others)
     solver = solver_of(body, tongs(), fingers=("thumb", "index"), stiffness=stiffness)
-    closed = touch + REACH_PER_STIFFNESS
+    closed = touch + REACH / 50.0
     solver.run(*tongs_at(np.r_[np.linspace(touch - 0.05, closed, 200), np.full(100, closed)]))
     return solver, closed
-
-
-REACH_PER_STIFFNESS = 0.09 / 50.0
 
 
 def squeeze_of(solver: HandSolver) -> float:

@@ -7,6 +7,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from hhsim.linkage.linkage import Robot
+from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box
 
 BOX = '<collision><geometry><box size="{}"/></geometry></collision>'
@@ -114,10 +115,7 @@ def write_box(
 ) -> Path:
     """Write a box as an OBJ of these edges at a place, which has no unit."""
     vertices, faces = box(edges)
-    lines = [f"v {x} {y} {z}" for x, y, z in (vertices + place).tolist()] + [
-        f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()
-    ]
-    path.write_text("\n".join(lines) + "\n")
+    path.write_text(Mesh(vertices + place, faces).obj())
     return path
 
 

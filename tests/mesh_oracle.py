@@ -10,11 +10,13 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+import trimesh
 
 from hhsim.arrays import FloatArray
 from hhsim.kernels.mesh.feature_distance import edge_distance, face_distance, vertex_distance
 from hhsim.kernels.mesh.features import MeshFeatures
 from hhsim.kernels.round_cone import RoundCone, cone_slope
+from hhsim.mesh.mesh import Mesh
 
 NEEDLE = 1e-9
 """Height of a triangle, as a share of its longest side, up to which it is no more than its sides: the direction of its
@@ -23,6 +25,11 @@ SAMPLES = 65
 SECTIONS = 80
 """Golden sections after the samples: 2 / 64 of the axis shrinks by 1e-17."""
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+
+
+def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
+    """A shape of trimesh as a mesh of ours."""
+    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), name=name)
 
 
 class Cones(NamedTuple):

@@ -65,9 +65,9 @@ def sphere_tree(center: FloatArray, radius: FloatArray, branching: int = 8) -> S
     )
 
 
-def ball(radius: float = BALL_RADIUS, center: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> SphereTree:
-    """One sphere [m]."""
-    return sphere_tree(np.array([center]), np.array([radius]))
+def ball(radius: float = BALL_RADIUS) -> SphereTree:
+    """One sphere about the origin [m]."""
+    return sphere_tree(np.zeros((1, 3)), np.array([radius]))
 
 
 def row(axis: Sequence[float], count: int = 41, length: float = 0.2) -> SphereTree:
@@ -92,15 +92,15 @@ def _near_order(center: FloatArray, index: IntArray) -> IntArray:
     return np.concatenate([_near_order(center, index[:half]), _near_order(center, index[half:])])
 
 
-def bumpy_ball(leaves: int, radius: float = BALL_RADIUS) -> SphereTree:
+def bumpy_ball(leaves: int) -> SphereTree:
     """A ball whose surface is made of `leaves` overlapping spheres on a Fibonacci lattice [m]."""
     i = np.arange(leaves) + 0.5
     height = 1.0 - 2.0 * i / leaves
     turn = math.pi * (1.0 + math.sqrt(5.0)) * i
     around = np.sqrt(1.0 - height**2)
     surface = np.stack([around * np.cos(turn), around * np.sin(turn), height], axis=1)
-    small = min(0.35 * radius, 4.0 * radius / math.sqrt(leaves))
-    return sphere_tree((radius - small) * surface, np.full(leaves, small))
+    small = min(0.35 * BALL_RADIUS, 4.0 * BALL_RADIUS / math.sqrt(leaves))
+    return sphere_tree((BALL_RADIUS - small) * surface, np.full(leaves, small))
 
 
 def cloud(random: np.random.Generator, leaves: int, spread: float = 0.05) -> SphereTree:
@@ -138,20 +138,20 @@ def tick_state(stiffness: FloatArray, surface: Surface = SPHERES) -> Any:
     return fresh_state(tick_state_dtype(surface.candidates), stiffness, True)[0]
 
 
-def set_pose(hand: HandModel, pose: Any, motion: HandConfiguration, tick: int = 0) -> None:
-    """Write one configuration of a motion into a HAND_POSE record, kinematics included."""
+def set_pose(hand: HandModel, pose: Any, motion: HandConfiguration) -> None:
+    """Write the first configuration of a motion into a HAND_POSE record, kinematics included."""
     for name, values in zip(HandConfiguration._fields, motion):
-        pose[name][:] = values[tick]
+        pose[name][:] = values[0]
     update_kinematics(hand.arrays(), pose)
 
 
-def prepared(solver: HandSolver, motion: HandConfiguration, tick: int, relaxed: bool = False) -> int:
+def prepared(solver: HandSolver, motion: HandConfiguration, tick: int) -> int:
     """Bring a solver that stands before `tick` to that tick's first program; returns the number of contacts."""
     state, options = solver.workspace.states[0], solver.workspace.tick_options
     assert set_haptic(solver.workspace.hand, HapticBlock(*motion), tick, state) == 0
     begin_tick(options, state)
     state.trust.reach = options.margin
-    state.program.is_relaxed = relaxed
+    state.program.is_relaxed = False
     hand, surface = solver.workspace.hand, solver.workspace.code
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.allowed_deficit = 0.0

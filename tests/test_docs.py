@@ -11,6 +11,7 @@ from urllib.parse import unquote
 
 import click
 import pytest
+from conftest import REPOSITORY
 from markdown_pages import Page, pages
 
 from hhsim.mesh.catalogue import body_file_names, object_names
@@ -18,7 +19,6 @@ from hhsim.scene.motion_catalogue import trajectory_names
 
 (POINT,) = importlib.metadata.entry_points(group="console_scripts", name="hhsim")
 HHSIM: click.Group = importlib.import_module(POINT.module).hhsim
-REPOSITORY = Path(__file__).resolve().parent.parent
 PAGES = pages(REPOSITORY)
 
 PLACEHOLDER = re.compile(r"[A-ZΑ-Ω_|0-9.]+|.*(…|\.\.\.).*|[A-Z].*[A-Z]")

@@ -63,15 +63,11 @@ duration = 0.03
 """
 
 
-def run(path: Path, stiffness: Stiffness | None = None) -> ReplaySummary:
-    scene = short_scene(parse_script(MOTION, name="short", where="short"), "cube")
-    return replay_scene(scene, SolverOptions(stiffness=stiffness or Stiffness()), path, description={"hand_file": None})
-
-
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[ReplaySummary, Result]:
     path = tmp_path_factory.mktemp("docs") / "short.h5"
-    return run(path), load_result(path)
+    scene = short_scene(parse_script(MOTION, name="short", where="short"), "cube")
+    return replay_scene(scene, SolverOptions(), path, description={"hand_file": None}), load_result(path)
 
 
 def spans(cell: str) -> list[str]:

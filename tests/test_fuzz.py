@@ -85,8 +85,15 @@ def scenes(draw: st.DrawFn) -> Scene:
     return Scene(draw(objects), draw(seed), draw(side), solver, stress)
 
 
-def check(scene: Scene) -> None:
-    """Run a scene; tell the first tick that penetrates, is not finite, or is stuck."""
+@given(scenes())
+@settings(
+    max_examples=EXAMPLES or 40,
+    derandomize=not EXAMPLES,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+def test_no_scene_makes_the_hand_penetrate_get_lost_or_stuck(scene: Scene) -> None:
+    """The first tick is told that penetrates, is not finite, or is stuck."""
+    note(str(scene))
     hand, tree = HANDS[scene.side], tree_of(scene.object)
     motion = RandomTargets(hand, scene.seed, scene.stress, height=0.3).take(TICKS)
     record = HandSolver(hand, tree.arrays(), scene.solver).run(*motion)
@@ -96,14 +103,3 @@ def check(scene: Scene) -> None:
         if kind == "stuck" and scene.solver.linearisations < STUCK_IS_JUDGED_FROM:
             continue
         assert not failed.any(), f"{kind} at tick {int(np.argmax(failed))}"
-
-
-@given(scenes())
-@settings(
-    max_examples=EXAMPLES or 40,
-    derandomize=not EXAMPLES,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
-)
-def test_no_scene_makes_the_hand_penetrate_get_lost_or_stuck(scene: Scene) -> None:
-    note(str(scene))
-    check(scene)

@@ -1,6 +1,5 @@
 """The site: its navigation leads to every page, its pages are light, whole and need no other host."""
 
-import importlib.util
 import re
 import subprocess
 import sys
@@ -77,8 +76,7 @@ class Targets(HTMLParser):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if importlib.util.find_spec("mkdocs") is None:
-        pytest.skip("mkdocs is not installed: make site")
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed: make site")
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder)]
     answer = subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True)
@@ -113,8 +111,7 @@ def test_the_first_page_is_light(site: Path) -> None:
 
 
 def test_pages_of_notebooks_show_their_outputs() -> None:
-    if importlib.util.find_spec("mkdocs") is None:
-        pytest.skip("mkdocs is not installed: make site")
+    pytest.importorskip("mkdocs", reason="mkdocs is not installed: make site")
     from tools.site_pages import notebook_page
 
     page = Page(Path("x.md"), notebook_page(REPOSITORY / "examples" / "notebook.ipynb"))

@@ -35,9 +35,7 @@ def along(axis: int, size: ArrayLike) -> FloatArray:
 
 
 def poses(ticks: int) -> HandConfiguration:
-    return HandConfiguration(
-        np.zeros((ticks, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (ticks, 1)), np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    )
+    return still(np.zeros(3), ticks=ticks)
 
 
 class TestPostureJump:

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 from conftest import Run, sampled
 from file_faults import bare_datasets, changed
+from mesh_oracle import mesh_of
 from msgspec import structs
 from short_grasp import carried, result_of, short_grasp, short_scene, shortened, swing
 from sphere_scenes import bumpy_ball
@@ -22,7 +23,6 @@ from hhsim.gate.metrics import run_figures
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.linkage.file import resolve_object
-from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.run.registry import tick_figures
 from hhsim.metrics.run_ticks import PLACED, result_ticks
 from hhsim.motion.file import save_trajectory
@@ -268,7 +268,7 @@ SHAPES = {
 @pytest.mark.soak
 def test_a_skin_is_touched_judged_and_run_again(name: str, tmp_path: Path) -> None:
     path, shape = tmp_path / "thing.obj", SHAPES[name]
-    path.write_text(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)).obj())
+    path.write_text(mesh_of(shape).obj())
     words = SceneWords(object=str(path), trajectory="grasp", level=2)
     scene = load_words(words).placed().scene
     summary = replay_scene(scene, SolverOptions(), tmp_path / "own.h5")
@@ -290,7 +290,7 @@ def test_a_skin_is_touched_judged_and_run_again(name: str, tmp_path: Path) -> No
 
 def test_a_solid_is_made_where_asked_or_free(tmp_path: Path) -> None:
     path, shape = tmp_path / "thing.obj", SHAPES["boxes that cross"]
-    path.write_text(Mesh(np.asarray(shape.vertices), np.asarray(shape.faces)).obj())
+    path.write_text(mesh_of(shape).obj())
     toml = tmp_path / "two.toml"
     bodies = 'name = "free"', 'name = "fixed"\nfixed = true\nposition = [0.3, 0.0, 0.0]'
     toml.write_text("".join(f'[[body]]\nmesh = "thing.obj"\n{each}\n' for each in bodies))

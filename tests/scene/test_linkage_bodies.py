@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from linkage_samples import BOX, joint, link, places, random_urdf, urdf
-from mesh_oracle import shift_of_boxes
-from numpy.typing import ArrayLike
+from mesh_oracle import mesh_of, shift_of_boxes
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
@@ -19,6 +18,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.linkage.file import read_linkage
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import Trajectory
 from hhsim.scene import declared_bodies
 from hhsim.scene.body import Body, Driven, Fixed, Free, HalfSpace
@@ -140,11 +140,8 @@ def test_one_link_is_a_free_body_of_its_own_mass_and_joint_or_of_those_that_are_
 
 
 PLACED = Trajectory(
-    time=np.array([0.0, 1.0]),
-    position=np.zeros((2, 3)),
-    orientation=np.tile([1.0, 0.0, 0.0, 0.0], (2, 1)),
-    flexion=np.zeros((2, 5, 3)),
-    abduction=np.zeros((2, 5)),
+    np.array([0.0, 1.0]),
+    *still(np.zeros(3), ticks=2),
     object_position=np.array([0.1, 0.2, 0.3]),
     object_orientation=quaternion(np.array([0.3, -0.2, 0.5])),
 )
@@ -208,20 +205,16 @@ def test_no_more_is_found_than_separates_boxes_and_always_a_share_of_it(
     assert deep >= 4
 
 
-def solid(shape: trimesh.Trimesh, place: ArrayLike = (0.0, 0.0, 0.0)) -> Mesh:
-    return Mesh(shape.vertices + np.asarray(place), np.asarray(shape.faces), name="solid")
-
-
 PLATE, CROSSED = box_mesh([2.0, 3e-5, 2.0]), np.array([0.0153, 0.011, 0.0])
-RING = solid(trimesh.creation.annulus(0.0101, 0.02, 0.03, sections=24))
-NUT = solid(trimesh.creation.annulus(0.0101, 0.02, 0.03, sections=6))
+RING = mesh_of(trimesh.creation.annulus(0.0101, 0.02, 0.03, sections=24))
+NUT = mesh_of(trimesh.creation.annulus(0.0101, 0.02, 0.03, sections=6))
 KNOWN: dict[str, tuple[Mesh, Mesh, float, float]] = {
     # Two meshes, and between what their depth is [m].
-    "one in the middle of another": (box_mesh([0.1] * 3), solid(trimesh.creation.icosphere(1, 0.01)), 0.049, 0.06),
+    "one in the middle of another": (box_mesh([0.1] * 3), mesh_of(trimesh.creation.icosphere(1, 0.01)), 0.049, 0.06),
     "one in its own place": (NUT, NUT, 0.004, 0.01),
     "thin plates that cross": (PLATE, box_mesh([3e-5, 2.0, 2.0]).transformed(np.eye(3), CROSSED), 0.01, 1.0),
-    "a peg in a hole": (RING, solid(trimesh.creation.cylinder(0.01, 0.05, 24)), 0.0, 0.0),
-    "a peg too thick for it by 0.1 mm": (RING, solid(trimesh.creation.cylinder(0.0102, 0.05, 24)), 5e-5, 2e-4),
+    "a peg in a hole": (RING, mesh_of(trimesh.creation.cylinder(0.01, 0.05, 24)), 0.0, 0.0),
+    "a peg too thick for it by 0.1 mm": (RING, mesh_of(trimesh.creation.cylinder(0.0102, 0.05, 24)), 5e-5, 2e-4),
     "a sheet through a block": (
         Mesh(np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.5, 0.0]]), np.array([[0, 1, 2]])),
         box_mesh([0.02] * 3),

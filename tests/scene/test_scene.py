@@ -22,6 +22,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.catalogue import load_object
+from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import Trajectory
 from hhsim.replay.run_inputs import differences, run_inputs
 from hhsim.result.schema import TICK_COLUMNS
@@ -41,16 +42,9 @@ TREE = bumpy_ball(200)
 
 def recording(position: FloatArray, orientation: FloatArray) -> Trajectory:
     """Five samples at 100 Hz beside an object at this pose."""
-    return Trajectory(
-        time=np.arange(5) / 100.0,
-        position=np.linspace([0.0, 0.0, 0.3], [0.0, 0.0, 0.26], 5),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (5, 1)),
-        flexion=np.zeros((5, 5, 3)),
-        abduction=np.zeros((5, 5)),
-        object_position=position,
-        object_orientation=orientation,
-        name="five samples",
-    )
+    way = still((0.0, 0.0, 0.3)).line(still((0.0, 0.0, 0.26)), 4)
+    place = {"object_position": position, "object_orientation": orientation}
+    return Trajectory(np.arange(5) / 100.0, *way, **place, name="five samples")
 
 
 def test_a_recording_says_where_the_object_is() -> None:
@@ -144,15 +138,8 @@ def fist(at: float = 0.4) -> Trajectory:
     """Fingers that close, so high over the origin [m], without a way."""
     time = np.arange(0.0, 1.0, 0.05)
     flexion = np.interp(time, [0.0, 0.8], [0.1, 1.0])[:, None, None] * np.ones((1, 5, 3))
-    return Trajectory(
-        time=time,
-        position=np.tile([0.0, 0.0, at], (len(time), 1)),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1)),
-        flexion=flexion,
-        abduction=np.zeros((len(time), 5)),
-        name="fist",
-        source="a made-up glove",
-    )
+    posture = still((0.0, 0.0, at), ticks=len(time))._replace(flexion=flexion)
+    return Trajectory(time, *posture, name="fist", source="a made-up glove")
 
 
 def touches(found: PlacedScene) -> bool:
@@ -223,24 +210,17 @@ def test_where_no_place_is_found_it_says_so_and_stays(monkeypatch: pytest.Monkey
 CLOSED_AT = 1.5
 
 
-def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), still: bool = False) -> Trajectory:
+def reach_and_close(bend: float = 1.0, fingers: slice = slice(0, 5), stays: bool = False) -> Trajectory:
     """A hand comes 0.3 m in a second, closes for half a second, holds, opens and leaves; 50 samples a second."""
     time = np.arange(0.0, 3.0, 0.02)
-    away = 0.0 * time if still else np.interp(time, [0.0, 1.0, 2.0, 3.0], [0.3, 0.0, 0.0, 0.3])
+    away = 0.0 * time if stays else np.interp(time, [0.0, 1.0, 2.0, 3.0], [0.3, 0.0, 0.0, 0.3])
     close = np.interp(time, [1.0, CLOSED_AT, 1.7, 2.0], [0.0, 1.0, 1.0, 0.0])
     flexion = np.zeros((len(time), 5, 3))
     flexion[:, fingers] = 0.1 + bend * close[:, None, None] * np.array([0.7, 1.0, 0.6])
     flexion[:, 0] *= 0.4
-    turn = quaternion(np.array([0.3, -0.5, 0.9]))
-    return Trajectory(
-        time=time + 12.0,
-        position=np.array([0.4, -0.2, 1.1]) + away[:, None] * np.array([0.6, 0.0, 0.8]),
-        orientation=np.tile(turn, (len(time), 1)),
-        flexion=flexion,
-        abduction=np.zeros((len(time), 5)),
-        name="reach",
-        source="made up",
-    )
+    posture = still((0.4, -0.2, 1.1), quaternion(np.array([0.3, -0.5, 0.9])), ticks=len(time))
+    posture.position[:] += away[:, None] * np.array([0.6, 0.0, 0.8])
+    return Trajectory(time + 12.0, *posture._replace(flexion=flexion), name="reach", source="made up")
 
 
 def finger_distances(motion: Trajectory, tree: SphereTree, sample: int) -> FloatArray:
@@ -286,8 +266,7 @@ def test_the_fingers_that_close_are_those_that_count() -> None:
     motion = reach_and_close()
     flexion = motion.flexion.copy()
     flexion[10:20, 1:] = 1.1 * motion.flexion.max()
-    flying = Trajectory(motion.time, motion.position, motion.orientation, flexion, motion.abduction)
-    assert find_grasp(flying).sample >= 70
+    assert find_grasp(replace(motion, flexion=flexion)).sample >= 70
 
 
 @pytest.mark.parametrize("bend", sampled([0.0, 0.15], lambda _, bend: bend > 0.0))
@@ -300,7 +279,7 @@ def test_fingers_that_never_close_fall_back_to_the_deepest_flexion_and_say_so(be
 
 
 def test_a_hand_that_is_always_there_begins_inside_and_says_so() -> None:
-    motion = reach_and_close(0.0, still=True)
+    motion = reach_and_close(0.0, stays=True)
     tree = object_tree("cube", 3)
     placed = place_at_grasp(motion, HAND, tree)
     assert placed.start_gap < 0.0 and "the hand begins in it" in placed.text

@@ -20,6 +20,7 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.hand.kinematics import PALM_BODY
 from hhsim.mesh.catalogue import object_names
+from hhsim.motion.analytic_motion import still
 from hhsim.motion.file import save_trajectory
 from hhsim.motion.sample_flags import DAMAGED, SampleFlag
 from hhsim.motion.trajectory import UNCHECKED, Trajectory
@@ -308,9 +309,7 @@ def test_names_scripts_and_recordings_are_resolved(tmp_path: Path) -> None:
     own.write_text('[[phase]]\nname = "approach"\nduration = 1\n[[phase]]\nname = "grasp"\nduration = 1\n')
     script = resolve_trajectory(own)
     assert isinstance(script, Script) and script.name == "own"
-    motion = Trajectory(
-        np.arange(3.0), np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)), np.zeros((3, 5, 3)), np.zeros((3, 5))
-    )
+    motion = Trajectory(np.arange(3.0), *still(np.zeros(3), ticks=3))
     for name in ("m.h5", "m.csv", "M.CSV"):
         save_trajectory(motion, tmp_path / name)
         recording = resolve_trajectory(str(tmp_path / name))

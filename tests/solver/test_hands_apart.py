@@ -158,12 +158,11 @@ MOST = 2.0 * FRICTION * SQUEEZE
 
 def pressing(ticks: int) -> list[HandConfiguration]:
     """Two fingers along x that come to press a block from both sides."""
-    found, straight = [], (np.zeros((ticks, 5, 3)), np.zeros((ticks, 5)))
+    found, depth = [], np.linspace(-0.0002, SQUEEZE / SPRING, ticks)
     for side, turn in ((1.0, [1.0, 0.0, 0.0, 0.0]), (-1.0, [0.0, 0.0, 0.0, 1.0])):
-        depth = np.linspace(-0.0002, SQUEEZE / SPRING, ticks)
-        away = 0.5 * EDGE + TIP + REACH - depth
-        position = np.stack([-side * away, np.full(ticks, -side * ASIDE), np.zeros(ticks)], axis=1)
-        found.append(HandConfiguration(position, np.tile(turn, (ticks, 1)), *straight))
+        held = still((0.0, -side * ASIDE, 0.0), turn, ticks=ticks)
+        held.position[:, 0] = -side * (0.5 * EDGE + TIP + REACH - depth)
+        found.append(held)
     return found
 
 
@@ -184,7 +183,7 @@ class Pressed:
     def load(self, weight: float, ticks: int) -> tuple[Any, Any]:
         """Run some ticks with a weight [N]; the records of both hands, and the object's."""
         self.bodies[0].gravity[2] = -weight / MASS
-        held = [HandConfiguration(*(np.repeat(values[-1:], ticks, axis=0) for values in one)) for one in self.way]
+        held = [one.part(-1).hold(ticks - 1) for one in self.way]
         return self.solver.run(*held), self.solver.object_ticks
 
 

@@ -19,6 +19,7 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import MovingParts, TouchedObject
+from hhsim.motion.analytic_motion import still
 from hhsim.scene.body import Body, Fixed, Joint
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
@@ -307,10 +308,9 @@ def trapped_finger(angles: FloatArray) -> tuple[MovingParts, HandModel, TickReco
     index = hand.joints(np.zeros(3), turned, np.zeros((5, 3)), np.zeros(5))[1]
     assert np.ptp(index[:, 0]) < 1e-6
     position = np.array([0.06, -0.09, RADIUS + 5e-4]) - index[3]
-    haptic = (position, turned, np.zeros((5, 3)), np.zeros(5))
     options = SolverOptions(surface="mesh", fingers=("index",))
     solver = HandSolver(hand, parts.surface("mesh"), options)
-    found = solver.run(*(np.repeat(values[None], count, axis=0) for values in haptic))
+    found = solver.run(*still(position, turned, ticks=count))
     # Each way out once missed the limits by its program's tolerance, and began where the one before had ended.
     assert (found.flexion >= hand.flexion_min).all() and (found.flexion <= hand.flexion_max).all()
     return parts, hand, found

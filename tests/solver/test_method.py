@@ -25,7 +25,6 @@ from hhsim.motion.analytic_motion import still
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import EVERYTHING, METHODS, OWN, SURFACES, Method, find_method, method_names, surface_of
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.outside_method import OutsideEngine
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.trees.contact_surface import contact_surface
 
@@ -49,10 +48,8 @@ class FollowEngine:
 def follow(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """One more of our own methods."""
     monkeypatch.setitem(OWN, "follow", Method(summary="the user's hand, through everything", engine=FollowEngine))
-    for package, name in (
-        ("hhsim.cli.arguments", "scene_options"),
-        ("hhsim.cli", "replay"),
-    ):  # they list the methods once
+    # They list the methods once.
+    for package, name in (("hhsim.cli.arguments", "scene_options"), ("hhsim.cli", "replay")):
         monkeypatch.delitem(sys.modules, f"{package}.{name}", raising=False)
         monkeypatch.delattr(importlib.import_module(package), name, raising=False)
     yield
@@ -159,9 +156,7 @@ def test_our_own_method_from_outside_is_our_own() -> None:
 def test_it_is_told_of_the_scene_and_where_to_begin() -> None:
     solver = solver_of("Follow")
     solver.run(*HAPTIC.part(0, 1))
-    engine = solver.engine
-    assert isinstance(engine, OutsideEngine)
-    method: Any = engine.method
+    method: Any = solver.engine.method
     scene = method.scene
     assert scene.period == 1e-3
     for theirs, ours in (

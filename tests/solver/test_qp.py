@@ -99,11 +99,11 @@ def test_a_backend_that_raises_is_a_failure_with_its_words(monkeypatch: pytest.M
     assert solution.message == "RuntimeError: out of cheese"
 
 
-def grasp(ticks: int = 90) -> HandConfiguration:
+def grasp() -> HandConfiguration:
     """Fingers close around the ball, then hold."""
     opened = still([0.0, -0.045, 0.056], flexion=0.4 * CURL)
     closed = still([0.0, -0.045, 0.054], flexion=CURL)
-    return opened.line(closed, ticks - 1).hold(30)
+    return opened.line(closed, 89).hold(30)
 
 
 def run(motion: HandConfiguration, qp: str) -> TickRecord:

@@ -18,6 +18,7 @@ from hhsim.hand.quaternion import quaternion, rotation_matrix
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.mesh import Mesh
 from hhsim.mesh.shapes import box_mesh
+from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
 from hhsim.solver.hand_solver import HandSolver
@@ -42,9 +43,7 @@ def solver_of_three(*bodies: Body, table: float | None = 0.0) -> HandSolver:
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
     """Run ticks of a hand at a place; returns the records of the hand and of the bodies."""
-    rows = np.ones((ticks, 1))
-    still = rows * place, rows * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks, 5, 3)), np.zeros((ticks, 5))
-    return solver.run(*still), all_ticks(solver)
+    return solver.run(*still(place, ticks=ticks)), all_ticks(solver)
 
 
 def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
@@ -77,8 +76,7 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
         height += 0.5 * edges[k, 2]
     solver = solver_of_three(*bodies)
     way = np.linspace([-0.12, 0.0, 0.05], [0.12, 0.0, 0.03], ticks_run)
-    given = np.ones((ticks_run, 1)) * [1.0, 0.0, 0.0, 0.0], np.zeros((ticks_run, 5, 3)), np.zeros((ticks_run, 5))
-    record = solver.run(way, *given)
+    record = solver.run(*still(np.zeros(3), ticks=ticks_run)._replace(position=way))
     ticks = all_ticks(solver)
     turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf

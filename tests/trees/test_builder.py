@@ -11,6 +11,7 @@ import trimesh
 from conftest import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mesh_oracle import mesh_of
 from scipy.spatial.transform import Rotation
 
 from hhsim.arrays import FloatArray
@@ -29,10 +30,6 @@ from hhsim.trees.triangle_tree import tree_of_any, triangle_tree
 from tools.tree_checks import sticking_out
 
 pytestmark = pytest.mark.slow
-
-
-def mesh_of(shape: trimesh.Trimesh, name: str = "shape") -> Mesh:
-    return Mesh(np.asarray(shape.vertices), np.asarray(shape.faces), name=name)
 
 
 SHAPES = {

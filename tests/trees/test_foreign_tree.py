@@ -35,13 +35,10 @@ def built() -> SphereTree:
     return build_sphere_tree(MESH, TreeOptions(level=2))
 
 
-def toolkit_file(
-    path: Path, tree: SphereTree, *, shift: NDArray[np.float64], unit: float = 1.0, drop: int = 0, parents: float = 0.6
-) -> None:
+def toolkit_file(path: Path, tree: SphereTree, *, shift: NDArray[np.float64], unit: float = 1.0, drop: int = 0) -> None:
     """Write a two-level tree as the toolkit does: six decimals, unused slots of radius -1, statistics at the end.
 
-    `shift` is subtracted from the centres [m]; the first `drop` leaves are left out; inner spheres keep a share
-    `parents` of their radius.
+    `shift` is subtracted from the centres [m]; the first `drop` leaves are left out; inner spheres are too small.
     """
     branching = 9
     lines = ["0.000000 0.000000 0.000000 -1.000000 0.000000"] * (1 + branching + branching**2)
@@ -53,7 +50,7 @@ def toolkit_file(
             children[above] += 1
         if tree.leaf_start <= node < tree.leaf_start + drop:
             continue
-        radius = tree.radius[node] * (1.0 if node >= tree.leaf_start else parents)
+        radius = tree.radius[node] * (1.0 if node >= tree.leaf_start else 0.6)
         numbers = [*((tree.center[node] - shift) / unit), radius / unit, 0.5]
         lines[slot[node]] = " ".join(f"{number:.6f}" for number in numbers)
     statistics = ["", "Efficiency 0.25", "Level 1: 8 spheres, worst 1.000000"]

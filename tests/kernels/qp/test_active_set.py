@@ -193,10 +193,9 @@ def row_norms(matrix: FloatArray) -> FloatArray:
     return norms
 
 
-def assert_optimal(
-    outcome: Outcome, matrix: FloatArray, rhs: FloatArray, target: FloatArray, residual: float = 1e-9
-) -> None:
+def assert_optimal(outcome: Outcome, matrix: FloatArray, rhs: FloatArray, target: FloatArray) -> None:
     """Primal, dual, stationarity, complementarity, with rows normalised, so that these four are lengths."""
+    residual = 1e-9
     assert outcome.status == OPTIMAL
     norms = row_norms(matrix)
     slack = (matrix @ outcome.x - rhs) / norms

@@ -218,7 +218,7 @@ def test_what_two_fingers_lose_slips_as_coulomb_says(torsion: float) -> None:
     body = solver.engine.world.bodies[0]  # type: ignore[attr-defined]
     # Twice what friction bears.
     body.gravity[2] = -2.0 * friction * squeeze_of(solver) / mass
-    slips = [judge(program) for program in harvest(solver, HandConfiguration(*tongs_at(np.full(40, closed))), TICKS)]
+    slips = [judge(program) for program in harvest(solver, tongs_at(np.full(40, closed)), TICKS)]
     assert len(slips) >= 3 and max(slips) > 10.0 * SETTLED
 
 
