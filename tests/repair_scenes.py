@@ -5,16 +5,21 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from referee_clearance import referee_clearance
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.scene import open_scene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.verify.mesh_distance import TrueSurface
 
 HAND = HandModel.default()
+
+
+def referee_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:
+    """Least signed distance [m] of a hand to a mesh over some ticks; of an open mesh nothing is inside."""
+    return float(TrueSurface(mesh, open_too=True).clearances(hand_shape(hand), placed, np.inf).min())
 
 
 class Case(NamedTuple):

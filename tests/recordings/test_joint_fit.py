@@ -47,7 +47,6 @@ def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any)
 @pytest.mark.parametrize("noise", [0.0005, 0.002])
 def test_the_error_of_the_fit_is_that_of_the_noise(noise: float) -> None:
     recording = read(joint_sample(count=400, noise=noise))
-    assert recording.bones is not None
     # Four points of three coordinates a finger, of which four angles are fitted and the palm takes its share.
     free = recording.bones.rms / noise
     assert (free > np.sqrt(3.0 * (12 - 4 - 6) / 12)).all() and (free < 1.6 * np.sqrt(3.0)).all()
@@ -60,7 +59,7 @@ def test_lengths_are_found_stated_or_scaled() -> None:
     for factor, unit in ((1.0, "m"), (100.0, "cm"), (1000.0, "mm"), (1.0 / 0.0254, "inch")):
         recording = read(sample, position=factor * sample.named(), unit=None)
         assert f"taken for {unit};" in words(recording) and np.allclose(recording.flexion, exact)
-        assert recording.bones is not None and recording.bones.hand_length == pytest.approx(0.1835, abs=1e-3)
+        assert recording.bones.hand_length == pytest.approx(0.1835, abs=1e-3)
     stated = read(sample, ReadOptions(length_unit="mm"), position=1e3 * sample.named(), unit=None)
     assert "unit" not in words(stated)
     with pytest.raises(TrajectoryError, match=r"the hand is 183\.\d m long .* say --length-unit"):
@@ -274,7 +273,6 @@ def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     sample = joint_sample(side, count=200, noise=0.003)
     moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side)), "take.csv")
     hand = HandModel.of_text(text, "take.toml", side)
-    assert moved.joints is not None and moved.bones is not None
     assert "limited" not in {finding.kind for finding in clean_recording(moved, CleaningOptions(limits=hand)).findings}
     fingers = moved.joints[:, 1:].reshape(-1, 5, 4, 3)
     poses = zip(moved.position, moved.orientation, moved.flexion, moved.abduction)
@@ -318,5 +316,4 @@ def test_radii_beside_an_array_of_points_are_the_hand_s() -> None:
     radius = np.array([sample.radius[OPENXR_JOINTS.index(name)] for name in KEYPOINTS])
     for stated in (radius, np.tile(radius, (len(sample.joints), 1))):
         recording = read_as("keypoints", arrays_npz(joints=sample.named(), t=sample.motion.time, radius=stated))
-        assert recording.bones is not None and recording.bones.radius is not None
         assert np.allclose(recording.bones.radius, sample.hand.radius, atol=1e-6) and "radius" not in words(recording)

@@ -99,7 +99,6 @@ def assert_same(one: Recording, other: Recording) -> None:
             np.testing.assert_allclose(getattr(one, key), getattr(other, key), atol=1e-6)
     assert np.allclose(np.abs((one.orientation * other.orientation).sum(axis=1)), 1.0)
     if other.object_motion is not None:
-        assert one.object_motion is not None
         np.testing.assert_allclose(one.object_motion.position, other.object_motion.position, atol=1e-9)
         assert np.allclose(np.abs((one.object_motion.orientation * other.object_motion.orientation).sum(axis=1)), 1.0)
 

@@ -82,7 +82,6 @@ def laptop() -> Scene:
 
 def time_and_angles() -> tuple[FloatArray, FloatArray]:
     parts = seen_scene(laptop()).parts
-    assert parts is not None
     return np.asarray(0.1 * np.arange(len(TICKS))), parts.values["lid"][TICKS]
 
 
@@ -141,9 +140,7 @@ def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, Repa
 
 
 def joints_of(path: Path, side: Side = "right") -> FloatArray:
-    read = read_recording(path, ReadOptions(hand=side, usual_up="z")).joints
-    assert read is not None
-    return read
+    return read_recording(path, ReadOptions(hand=side, usual_up="z")).joints
 
 
 @pytest.mark.soak
@@ -166,7 +163,7 @@ def test_no_part_is_entered_in_any_frame(freed: tuple[RepairRequest, RepairOutco
     assert not moved[:3].any() and moved[-4:].all()
     # The result has the parts where they are.
     parts = result_parts(result)
-    assert parts is not None and (parts.name, parts.names) == ("laptop", ("base", "lid"))
+    assert (parts.name, parts.names) == ("laptop", ("base", "lid"))
     np.testing.assert_allclose(parts.values["lid"], angle, atol=1e-12)
     np.testing.assert_allclose(parts.world[:, 1, 3:], quaternion(angle[:, None] * [-1.0, 0.0, 0.0]), atol=1e-12)
     assert run("verify", str(request.beside(RESULT)), "--quiet").code == 0

@@ -9,7 +9,7 @@ import pytest
 from conftest import sampled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from referee_clearance import referee_clearance
+from repair_scenes import referee_clearance
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.figures import placed_of
@@ -61,7 +61,6 @@ def on_spheres(name: str, method: str = "coupled") -> list[Outcome]:
 def brute_force(outcome: Outcome, most_pairs: float) -> float:
     """Worst penetration [m] of the ticks at hand, every body against every leaf of the tree."""
     hand, tree = outcome.run.hand, outcome.run.tree
-    assert tree is not None
     record = outcome.ticks
     pairs = len(record.status) * tree.leaf_count * (15 + hand.palm_tree.leaf_count)
     every = math.ceil(pairs / most_pairs)
@@ -84,7 +83,6 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float
 
 def some_ticks(outcome: Outcome, count: int = 2) -> float:
     """Worst penetration [m] of a few ticks, by the referee."""
-    assert outcome.run.mesh is not None
     ticks = np.linspace(0, len(outcome.ticks.status) - 1, count).astype(int)
     return max(0.0, -referee_clearance(outcome.run.hand, outcome.run.mesh, placed_of(outcome.ticks).at(ticks)))
 
@@ -145,7 +143,6 @@ def test_scenes_provoke_what_they_are_named_for() -> None:
     for outcome, pairs in zip(on_spheres("many-pairs"), (500, 2000), strict=True):
         run, record = outcome.run, outcome.ticks
         shown = HandConfiguration.of(record)
-        assert run.tree is not None
         distance = brute_pairs(run.hand, run.tree.leaf_center, run.tree.leaf_radius, shown, tick=100)
         assert (distance <= SolverOptions().margin).sum() >= pairs
 

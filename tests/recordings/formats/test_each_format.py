@@ -121,7 +121,6 @@ def test_every_real_recording_comes_in(shared_data: Path) -> None:
         assert kinds <= {"note", "gap_before", "suspect", "limited", "invalid", "fingers_filled"}, file.stem
         # The hand as it was: what a real device recorded is not taken for damage.
         assert motion.position.tobytes() == recording.position.tobytes()
-        assert motion.flags is not None
         assert marked(motion.flags, SampleFlag.SUSPECT).mean() < 0.04, file.stem
         assert ("fingers_filled" in kinds) == file.stem.startswith("dfki")
         fingers, back = (turned(motion.orientation, axis).mean(axis=0) for axis in np.eye(3)[1:])
@@ -133,11 +132,6 @@ def test_every_real_recording_comes_in(shared_data: Path) -> None:
 
 SAMPLE = joint_sample()
 POINTS, TIME = SAMPLE.named(), SAMPLE.motion.time
-
-
-IN_MANO = POINTS[:, [KEYPOINTS.index(joint) for joint in MANO_JOINTS]]
-
-
 SEGMENTS_OF = {finger: [joint for joint in KEYPOINTS if joint.startswith(finger)] for finger in FINGERS}
 NODES = [joint for joint in WEBXR_JOINTS if joint.startswith("thumb")]
 FOREIGN: dict[str, list[str]] = {
@@ -181,7 +175,7 @@ def test_a_stated_order_is_taken_and_must_have_as_many_joints() -> None:
         except TrajectoryError as error:
             text = str(error)
         assert "bones are not those of a hand" in text and "--mirror" not in text
-    told = read_as("keypoints", array_npy(IN_MANO), rate=100.0, world_up="y", joint_order="smplx")
+    told = read_as("keypoints", array_npy(SAMPLE.named(MANO_JOINTS)), rate=100.0, world_up="y", joint_order="smplx")
     assert_our_own(told, SAMPLE)
     assert "in the order smplx" in words(told)
     with pytest.raises(
@@ -201,7 +195,6 @@ def test_of_two_models_each_hand_takes_its_own(tmp_path: Path) -> None:
     assert "model model_left.npz" in words(read_recording(path, options))
     content = Content(path)
     mano = format_of(content, options).mano
-    assert mano is not None
     model, *parameters = mano(content, options)
     assert np.array_equal(model.template, read_mano_model(tmp_path / "MODEL_LEFT.npz").template)
     assert model.keypoints(*parameters).shape == (COUNT, 21, 3)
@@ -286,7 +279,6 @@ def test_frames_without_the_hand_are_no_samples() -> None:
     recording = read_as("leap", json.dumps(whole))
     assert recording.sample_count == 25 and "5 of 30 frames show no such hand" in words(recording)
     repaired = clean_recording(recording)
-    assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.GAP_BEFORE)).tolist() == [10]
     with pytest.raises(TrajectoryError, match="no frame holds the joints"):
         read_as("leap", json.dumps(whole), hand="left")
@@ -301,7 +293,6 @@ def test_joints_that_are_missing_are_holes() -> None:
     recording = read_as("leap", json.dumps(whole))
     assert np.argwhere(np.isnan(recording.abduction)).tolist() == [[7, 1], [8, 2]]
     repaired = clean_recording(recording)
-    assert repaired.trajectory.flags is not None
     assert np.flatnonzero(marked(repaired.trajectory.flags, SampleFlag.FINGERS_FILLED)).tolist() == [7, 8]
 
 
@@ -352,16 +343,16 @@ def test_the_object_beside_the_hand_is_taken_where_it_is_the_one_or_named(folder
     path.write_text(umetrack_lines(joint_sample()))
     objects(folder, "17")
     moved = read_recording(path).object_motion
-    assert moved is not None and np.isnan(moved.position[3]).all()
+    assert np.isnan(moved.position[3]).all()
     # The file's y points up.
     np.testing.assert_allclose(moved.position[[0, 8]], [[0.1, -0.3, 0.0], [0.1, -0.3, joint_sample().motion.time[8]]])
     made = clean_recording(read_recording(path)).trajectory
-    assert made.object_motion is not None and np.isfinite(made.object_motion.position).all()
+    assert np.isfinite(made.object_motion.position).all()
     objects(folder, "17", "23")
     none = read_recording(path)
     assert none.object_motion is None
     assert "poses of the objects 17, 23; expected one of them as --object-track" in words(none)
     named = read_recording(path, ReadOptions(object_track="17")).object_motion
-    assert named is not None and named.position[8].tobytes() == moved.position[8].tobytes()
+    assert named.position[8].tobytes() == moved.position[8].tobytes()
     with pytest.raises(InputError, match="poses of the objects 17, 23; expected one of them as --object-track"):
         read_recording(path, ReadOptions(object_track="18"))
