@@ -127,7 +127,7 @@ REFUSED = {
     "live glove --palm 1,2": "Invalid value for '--palm': '1,2', expected 3 numbers with commas between",
     "live glove --stiffness 1.5": "'--stiffness': '1.5', expected 0 (free) to 1, or five of that",
     "live glove cube --hand-file nobody.toml --no-record --quiet": "nobody.toml: no such file",
-    "live glove --device dexmo --calibration nobody.toml --quiet": "nobody.toml: no such file",
+    "live glove --device dexmo --calibration nobody.toml --quiet": "nobody.toml: no such file; expected a TOML cal",
     LEFT: "Invalid value for '--device': 'left=sim' has a glove for left: expected one left, one",
     f"{LEFT},left=sim": "Invalid value for '--device': 'left=sim,left=sim' has a glove for left and left",
     f"{LEFT},up=sim": "Invalid value for '--device': 'left=sim,up=sim' has a glove for left and up",

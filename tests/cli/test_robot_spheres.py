@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from conftest import Run
 from linkage_samples import BOX, joint, link, urdf, write_arm, write_box
 from short_grasp import short_grasp_text
@@ -88,17 +89,12 @@ def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, con
 
 
 def write_many(path: Path, strips: int) -> None:
-    """Write a strip of two triangles each as binary PLY."""
+    """Write a row of strips of two triangles each."""
     x = np.linspace(0.0, 1.0, strips + 1)
     vertices = np.stack([np.repeat(x, 2), np.tile([0.0, 0.1], strips + 1), np.zeros(2 * strips + 2)], axis=1)
     first = 2 * np.arange(strips)
     faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first + 1, first + 3, first + 2], 1)])
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz")
-    header += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, faces
-    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
 
 
 def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path) -> None:

@@ -73,9 +73,6 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
         assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
-    for fields, other in (({}, "--hand right"), ({"hand": "left"}, "--mirror x --other-hand")):
-        with pytest.raises(TrajectoryError, match=rf"named a left hand, .* as a right one's: .*, {other} if it is"):
-            read(joint_sample("right"), ReadOptions(hand="" if fields else "left"), **fields)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
     assert wrong.hand == "left" and "as a left hand its thumb is behind its palm" in words(wrong)
     assert "thumb" not in words(read(joint_sample("right", bend=0.1), hand="right"))

@@ -163,14 +163,10 @@ def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_form
         read_content(Content(data=b"HIERARCHY"), ReadOptions(columns=columns))
 
 
-def test_a_missing_or_a_large_file_is_refused(tmp_path: Path) -> None:
+def test_a_large_file_is_refused(tmp_path: Path) -> None:
     large = tmp_path / "large.csv"
     with large.open("wb") as file:
         file.write(b"time,px\n" * 1000)
         file.truncate((1 << 30) + 1)
-    for name, message in (
-        ("none.npz", "no such file"),
-        ("large.csv", "more than 1 GB; expected a recording of a hand"),
-    ):
-        with pytest.raises(TrajectoryError, match=f"{name}: {message}"):
-            read_recording(tmp_path / name)
+    with pytest.raises(TrajectoryError, match=r"large\.csv: more than 1 GB; expected a recording of a hand"):
+        read_recording(large)

@@ -41,7 +41,6 @@ from hhsim.render.triangle_soup import (
     piece_surfaces,
     round_cone_surface,
 )
-from hhsim.render.triangle_soup import round_cone_surface as cone
 from hhsim.render.viewpoint import PieceForce
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -53,7 +52,7 @@ from tools.shapes.generators import cube, sphere
 def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float]) -> None:
     a, b = np.zeros(3), np.array(end)
     tip = 0.01 if not b.any() else tip
-    surface = cone(a, b, 0.01, tip, SKIN)
+    surface = round_cone_surface(a, b, 0.01, tip, SKIN)
     for away in (0.0, 0.001):
         distance = to_cone(surface.points + away * surface.normals, a, b, 0.01, tip)
         np.testing.assert_allclose(distance, away, rtol=0.0, atol=1e-15)
@@ -82,7 +81,6 @@ def area(mesh: Mesh) -> float:
 def test_a_door_without_a_corner_near_is_cut_to_the_box() -> None:
     low, high = np.array([-0.2, -0.3, -0.1]), np.array([0.1, 0.3, 0.5])
     part = clipped(shape(trimesh.creation.box((0.9, 0.04, 2.0))), low, high)
-    assert part is not None
     np.testing.assert_allclose(part.bounds, [(-0.2, -0.02, -0.1), (0.1, 0.02, 0.5)], atol=1e-12)
     # Of the six sides only the front and the back go through the box.
     assert area(part) == pytest.approx(2 * 0.3 * 0.6)

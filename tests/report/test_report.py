@@ -30,7 +30,6 @@ from hhsim.report.figure import ReportFigure
 from hhsim.report.report import CHARTS, check_report_path, make_report, write_report
 from hhsim.report.sections import letter, result_labels
 from hhsim.result.reader import Result, load_result
-from hhsim.result.schema import hand_columns
 from hhsim.solver.options import SolverOptions
 from hhsim.table.html import LONGEST_WORD, NO_TEXT
 
@@ -246,9 +245,7 @@ def emptied(file: h5py.File, ticks: int) -> None:
     file.attrs["complete"] = 0
     for name in list(file["summary/right"].attrs):
         del file["summary/right"].attrs[name]
-    file["tick/time"].resize(ticks, axis=0)
-    for column in hand_columns():
-        file[f"hands/right/tick/{column.name}"].resize(ticks, axis=0)
+    file_faults.shortened(file, ticks)
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2, 60])

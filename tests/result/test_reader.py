@@ -172,11 +172,7 @@ def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_phases_are_found_by_their_names(tmp_path: Path) -> None:
-    with opened(tmp_path / "run.h5", phases=PHASES) as writer:
-        writer.append(hand_tables("right", block(100)))
-        writer.finish({})
-    loaded = load_result(tmp_path / "run.h5")
-    assert loaded.phases == PHASES
+    loaded = load_result(write(tmp_path / "run.h5", [block(100)]))
     assert loaded.phase("hold") == slice(40, 100) and loaded.label == str(loaded.path)
     with h5py.File(loaded.path) as file:
         assert file["phase/last_tick"].attrs["long_name"] == "last tick of each phase, from 0"
@@ -264,22 +260,22 @@ def test_an_exception_before_the_first_tick_leaves_nothing(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProcess[str]:
-    """Run a script in a process whose files may not grow beyond `limit` bytes: a full disk that needs no root."""
+def command(script: str, path: Path) -> list[str]:
+    """The words that run a script of these tests' names."""
     prelude = f"""
-        import resource, signal, sys
+        import resource, sys
         from pathlib import Path
         sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
         from test_reader import PHASES, block, opened
         from hhsim.result.schema import hand_tables
         path = Path({str(path)!r})
-        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     """
-    source = textwrap.dedent(prelude) + textwrap.dedent(script)
-    return subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    return [sys.executable, "-c", textwrap.dedent(prelude) + textwrap.dedent(script)]
 
 
+# Files may not grow beyond so many bytes: a full disk that needs no root.
 WRITE_MANY = """
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))
     from hhsim.errors import OutputError
     try:
         with opened(path, phases=PHASES) as writer:
@@ -289,11 +285,18 @@ WRITE_MANY = """
     except OutputError as error:
         print(error, *getattr(error, "__notes__", ()), sep="\\n")
 """
+WRITE_ON = """
+    with opened(path) as writer:
+        arrays = hand_tables("right", block(128))
+        while True:
+            writer.append(arrays)
+            print(writer.ticks, flush=True)
+"""
 
 
 def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    run = run_limited(WRITE_MANY, path, 6_000_000)
+    run = subprocess.run(command(WRITE_MANY, path), capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
     message, note = run.stdout.splitlines()
@@ -308,20 +311,7 @@ def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
 
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    script = f"""
-        import sys
-        from pathlib import Path
-        sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
-        from test_reader import block, opened
-        from hhsim.result.schema import hand_tables
-        with opened(Path({str(path)!r})) as writer:
-            arrays = hand_tables("right", block(128))
-            while True:
-                writer.append(arrays)
-                print(writer.ticks, flush=True)
-    """
-    process = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
+    process = subprocess.Popen(command(WRITE_ON, path), stdout=subprocess.PIPE, text=True)
     for line in process.stdout:
         if int(line) >= 640:
             break

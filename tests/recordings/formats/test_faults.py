@@ -128,7 +128,7 @@ FAULTS: dict[str, list[tuple[Any, str, dict[str, Any]]]] = {
     ],
     "dexmo": [
         (COUNTS.replace("time,", "when,"), "time", {}),
-        (COUNTS, "raw counts; expected 0 to 1, or a calibration", {}),
+        (COUNTS, "raw counts; expected 0 to 1, or a calibration: --calibration", {}),
     ],
     "egodex": [
         (egodex(lambda file: file.pop("transforms/rightThumbTip"), ("right",)), "no hand in 'transforms'", {}),
