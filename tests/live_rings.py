@@ -1,6 +1,10 @@
 """A session whose rings a test fills itself: ticks of the real solver, samples that are numbered."""
 
-from collections.abc import Sequence
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +17,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.live.device import COUNTERS, GLOVE_SAMPLE
 from hhsim.live.gloves import PoseConfig, configure
-from hhsim.live.processes import SharedRing, Stage
+from hhsim.live.processes import SharedRing, Stage, write_setup
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import EVENT, LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
@@ -46,15 +50,9 @@ BEGAN = 5_000_000_000_000
 SAMPLE_TICKS = 5
 """Ticks a sample: a glove of 200 Hz."""
 CHANNELS = ("thumb_bend", "index_bend", "a/b")
+GRANTED = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 50_000, "cpu": -1, "gc_frozen": False}
 FACTS: dict[str, Any] = {
-    "real_time": {
-        "fifo": 0,
-        "memory_locked": False,
-        "timer_slack_ns": 50_000,
-        "cpu": -1,
-        "gc_frozen": False,
-        "refused": ["not allowed"],
-    },
+    "real_time": {**GRANTED, "refused": ["not allowed"]},
     "device": {"name": "test", "hand": "right", "channels": list(CHANNELS), "unit": "count", "doubtful": []},
     "pose": "fixed",
 }
@@ -127,6 +125,19 @@ def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
         hand.status["loop_pid"] = pid
         hand.facts.write({**FACTS, "reason": reason})
         hand.status["stage"] = Stage.ENDED
+
+
+@contextmanager
+def session_process(setup: LiveSetup, memory: SessionMemory, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of a session as the supervisor starts it, by Python's words for its module."""
+    descriptor = write_setup(setup, memory)
+    command, inherited = [sys.executable, *words, "--setup", str(descriptor)], [descriptor, *memory.descriptors]
+    with subprocess.Popen(command, pass_fds=inherited, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+            os.close(descriptor)
 
 
 def session_file(

@@ -361,7 +361,6 @@ class ScriptedSession:
     def recorded(self, path: Path | None = None) -> Result:
         """The file of the session, which has ended."""
         setup = self.setup if path is None else replace(self.setup, record=path)
-        assert setup.record is not None
         self.memory.status["loop_pid"] = os.getpid()
         self.memory.facts.write(self.both.driver.facts() | {"real_time": {}, "reason": "duration"})
         self.memory.status["stage"] = Stage.ENDED

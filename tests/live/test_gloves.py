@@ -116,7 +116,6 @@ def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
     config = configure("dexmo", port=1)
     assert config.calibration is not None
     bare = make_setup(device=config).for_watchdog([0])[0].device
-    assert bare is not None
     assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
     assert isinstance(open_release(bare), FingerRelease)
     assert type(open_release(configure("sim"))) is FingerRelease

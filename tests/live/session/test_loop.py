@@ -101,12 +101,12 @@ def comes_back_third(session: ScriptedSession) -> None:
         assert tries == [121, 131, 141][: len(tries)]
         return len(tries) == 3
 
-    session.glove.reconnect = reconnect  # type: ignore[method-assign]
+    session.glove.reconnect = reconnect
 
 
 def driver_rests(session: ScriptedSession) -> None:
     take, at = session.both.driver.take, session.loop.deadlines.at
-    session.both.driver.take = lambda: None if 100 <= at.tick < 140 else take()  # type: ignore[method-assign]
+    session.both.driver.take = lambda: None if 100 <= at.tick < 140 else take()
 
 
 @dataclass
@@ -403,26 +403,19 @@ def command(status: Any, stiffness: float, now: int) -> None:
     status["command_version"][0] += 2
 
 
-def test_the_newest_command_is_sent_once() -> None:
+def test_the_newest_command_is_sent_once_it_is_whole_and_no_more() -> None:
     driver, glove, clock, status = opened()
     driver.give()
     assert glove.commands == [], "there is none yet"
     command(status, 0.1, clock.now())
     command(status, 0.2, clock.now())
+    status["command_version"][0] += 1
+    driver.give()
+    assert glove.commands == [], "it is being written"
+    status["command_version"][0] += 1
     driver.give()
     driver.give()
     assert [(sent.stiffness.max(), sent.force.min()) for sent in glove.commands] == [(0.2, 2.0)]
-
-
-def test_a_command_that_is_being_written_waits() -> None:
-    driver, glove, clock, status = opened()
-    command(status, 0.3, clock.now())
-    status["command_version"][0] += 1
-    driver.give()
-    assert glove.commands == []
-    status["command_version"][0] += 1
-    driver.give()
-    assert len(glove.commands) == 1
 
 
 def test_a_command_of_a_loop_that_stands_still_holds_nothing() -> None:

@@ -144,7 +144,6 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
     assert "the loop is here" in notices(session)
     assert session.end().error == ""
     for pid in pids:
-        assert pid is not None
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
 
@@ -198,7 +197,7 @@ def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
         if "has the glove released" in text:
             go.touch()
 
-    session._notice = noticed  # type: ignore[method-assign]
+    session._notice = noticed
     with session:
         run(session, lambda: running(session))
         session.request_stop("a key")
