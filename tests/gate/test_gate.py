@@ -158,11 +158,8 @@ def test_a_finger_that_sinks_beside_a_deeper_palm_is_caught(stored: Path, record
     assert [row.head for row in report.missed] == pytest.approx([0.4e-3, 0.1e-3])
     # A finger that is as deep for longer is deeper in the mean.
     (row,) = gate_result(after, deep, brief).missed
-    assert (
-        row.verdict == "worse"
-        and row.name == "penetration_index_mean"
-        and row.reason == "more than 1 µm above the base"
-    )
+    assert (row.verdict, row.name) == ("worse", "penetration_index_mean")
+    assert row.reason == "more than 1 µm above the base"
     wanted = "penetration_max = 1e-2\npenetration_index_max = 5e-4\npenetration_index_mean = false"
     report = gate_result(after, parse_suite(SUITE.replace("penetration_max = 1e-6", wanted), Path(), "own"), base)
     assert (report.verdict, report.exit_code) == ("worse within limits", 0)

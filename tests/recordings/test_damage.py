@@ -17,11 +17,11 @@ from joint_samples import Y_UP, array_npy, arrays_npz, iwer_json, joint_sample, 
 from leap_document import document, packed
 from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, imported, laid_out, own_h5
+from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, angles_npz, imported, laid_out, own_h5
 from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import cleaned, read_as, smooth_recording
 
-from hhsim.arrays import AnyArray, FloatArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
@@ -134,7 +134,9 @@ JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
 }
 FILES: dict[str, Callable[[], str | bytes]] = {
     "csv": lambda: format_csv(clean_recording(HAND).trajectory),
-    "npz": lambda: npz_of(HAND),
+    "npz": lambda: angles_npz(
+        t=HAND.time, wrist_pos=HAND.position, wrist_quat=HAND.orientation, flex=HAND.flexion, abd=HAND.abduction
+    ),
     "h5": lambda: own_h5(HAND),
     "leap": lambda: json.dumps(packed(document())),
     "leap lz": lambda: LZString.compressToBase64(json.dumps(packed(document()))),
@@ -166,11 +168,6 @@ def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> 
         assert verdict != "silent", f"run {run}"
         verdicts[verdict] += 1
     assert verdicts["refused"] > 0.2 * runs, verdicts
-
-
-def npz_of(hand: Recording, **more: AnyArray) -> bytes:
-    arrays = {"wrist_pos": hand.position, "wrist_quat": hand.orientation, "flex": hand.flexion, "abd": hand.abduction}
-    return arrays_npz(t=hand.time, **arrays, **more)
 
 
 def test_every_format_has_a_case() -> None:

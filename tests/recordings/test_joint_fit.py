@@ -11,6 +11,7 @@ from recording_samples import read_as, smooth_recording
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
@@ -32,16 +33,9 @@ from hhsim.recordings.registry import Content, ReadOptions, read_recording
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
-    given: dict[str, Any] = {
-        "time": sample.motion.time,
-        "position": sample.named(),
-        "up": "y",
-        "unit": 1.0,
-        "time_unit": "s",
-    }
-    return recording_of_joints(
-        JointPositions(**given | fields), Content(data=b"", name="take"), options or ReadOptions()
-    )
+    given = {"time": sample.motion.time, "position": sample.named(), "up": "y", "unit": 1.0, "time_unit": "s"}
+    positions, content = JointPositions(**given | fields), Content(data=b"", name="take")
+    return recording_of_joints(positions, content, options or ReadOptions())
 
 
 @pytest.mark.parametrize("noise", [0.0005, 0.002])
@@ -295,11 +289,8 @@ def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
     bones = slice(None) if radii else slice(2)
     assert np.allclose(hand.length[:, bones], sample.hand.length[:, bones], atol=1e-6)
     assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6) or not radii
-    k = 11
-    joints = hand.joints(moved.position[k], moved.orientation[k], moved.flexion[k], moved.abduction[k])
-    own = sample.hand.joints(
-        sample.motion.position[k], sample.motion.orientation[k], sample.motion.flexion[k], sample.motion.abduction[k]
-    )
+    made = (hand, moved), (sample.hand, sample.motion)
+    joints, own = (of.joints(*HandConfiguration.of(motion).at(11)) for of, motion in made)
     assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
 
 

@@ -49,11 +49,6 @@ def two_hands() -> str:
     return "# made: by hand\r\n" + "\r\n".join(rows).replace(",0.5", ",gain", 1) + "\r\n"
 
 
-def few_digits() -> str:
-    """A table without a header, with lines of Windows."""
-    return "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)
-
-
 with np.load(GOLDEN) as held:
     # What is written of joint centres; of poses and angles it is two-dimensional.
     FILES = {name: CASES[name] for name in CASES if np.ndim(held.get(f"{name}/written")) == 3}
@@ -69,7 +64,9 @@ FILES |= {
     "npz, 25 named joints": Case(
         {"a.npz": arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m")}, UP
     ),
-    "keypoints csv, bare, CR LF, few digits": Case({"a.csv": few_digits()}, SIDED),
+    "keypoints csv, bare, CR LF, few digits": Case(
+        {"a.csv": "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)}, SIDED
+    ),
     "keypoints, two hands": Case({"a.csv": two_hands()}, {"hand": "left", **UP}),
 }
 BINARY = (".npy", ".npz", ".pkl")
@@ -164,10 +161,9 @@ def test_the_other_hand_and_unknown_columns_stay(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
 def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, ...], tmp_path: Path) -> None:
-    form = {26: "keypoints, 26 joints", 25: "npy, 25 joints, flat"}[len(names)]
-    before, after, recording, correction, *_ = written(
-        tmp_path, "keypoints, Unity's" if names is UNITY_JOINTS else form
-    )
+    form = "npy, 25 joints, flat" if len(names) == 25 else "keypoints, 26 joints"
+    form = "keypoints, Unity's" if names is UNITY_JOINTS else form
+    before, after, recording, correction, *_ = written(tmp_path, form)
     old, new = (np.load(io.BytesIO(data)).reshape(-1, len(names), 3) for data in (before, after))
     turn, wrist = recording.file_frame.rotation_to_file(correction.rotation[:, 0]), names.index("wrist")
     others = [k for k, name in enumerate(names) if name not in KEYPOINTS]

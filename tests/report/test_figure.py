@@ -62,12 +62,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return leave_charts_undrawn(monkeypatch)
 
 
-@pytest.fixture
-def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Charts whose pixels nobody looks at."""
-    monkeypatch.setattr("hhsim.report.figure.DPI", 40)
-
-
 @pytest.fixture(scope="module")
 def alone(result: Result) -> dict[Chart, ReportFigure]:
     """The charts of the result by what draws them."""
@@ -114,10 +108,14 @@ def test_a_chart_is_the_same_bytes_whatever_the_users_style(
     assert (np.asarray(picture)[:, 0] == 255).all()
 
 
-@pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
 @pytest.mark.quick("histogram_figure")
-def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(result: Result, draw: Chart, tmp_path: Path) -> None:
+def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(
+    result: Result, draw: Chart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Charts whose pixels nobody looks at.
+    monkeypatch.setattr("hhsim.report.figure.DPI", 40)
+
     def undefine(values: NDArray[np.generic]) -> None:
         values[50:] = np.nan
 
@@ -231,9 +229,7 @@ def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
     (figure,) = undrawn
     figure.draw_without_rendering()
     placed = [legend for axes in figure.axes if (legend := axes.get_legend())]
-    titles = [axes.title.get_window_extent() for axes in figure.axes] + [
-        axes._left_title.get_window_extent() for axes in figure.axes
-    ]
+    titles = [text.get_window_extent() for axes in figure.axes for text in (axes.title, axes._left_title)]
     for legend in placed:
         box = legend.get_window_extent()
         assert box.y0 >= legend.axes.get_window_extent().y1

@@ -174,9 +174,8 @@ def test_the_verdict_is_by_the_default_limits(coupled: Path, tmp_path: Path, dot
     bad = make_report((changed(coupled, tmp_path, stating(**{**still, "penetration_max": 5e-3, "stuck_ticks": 3})),))
     assert bad.runs[0].verdict.missed == ("penetration_max", "stuck_ticks")
     assert "penetration, max 5,000.000 µm (limit 1); stuck ticks 3 (limit 0)" in bad.verdict_lines()[0]
-    assert "limits missed" in next(
-        e.text for e in read_page(bad.html).all("p") if "verdict" in str(e.attributes.get("class"))
-    )
+    told = [e.text for e in read_page(bad.html).all("p") if "verdict" in str(e.attributes.get("class"))]
+    assert "limits missed" in told[0]
 
 
 def test_a_missed_limit_without_a_column_stands_below_the_verdict(coupled: Path, tmp_path: Path, dots: None) -> None:

@@ -103,7 +103,7 @@ def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.S
             until(record.exists)
             # Nothing, a header perhaps in two parts, and ticks.
             sizes: set[int] = set()
-            until(lambda: sizes_seen(record, sizes) > 3)
+            until(lambda: sizes.add(record.stat().st_size) or len(sizes) > 3)
             live.send_signal(number)
             live.wait(60.0)
             # Its other processes outlive a command that is killed.
@@ -115,12 +115,6 @@ def test_a_recording_says_who_ended_its_session(tmp_path: Path, number: signal.S
     assert broken_off(result).startswith(told) and bool(told) == bool(broken_off(result))
     assert " of 600 s" in ended_before_its_time(result)
     assert ("ended_early" in {row.name for row in gate_result(result).missed}) == bool(told)
-
-
-def sizes_seen(path: Path, sizes: set[int]) -> int:
-    """Add the file's size to those seen, and return how many there are."""
-    sizes.add(path.stat().st_size)
-    return len(sizes)
 
 
 def completed(path: Path) -> bool:

@@ -323,10 +323,7 @@ def test_nothing_is_solved_before_there_is_an_input_and_none_of_before_the_loop_
 def test_a_stop_frees_the_fingers_in_the_next_tick_and_releases(reason: str) -> None:
     session = ScriptedSession(HOLDING, duration=None)
     status, stop = session.memory.status, session.loop.stop
-    asked: dict[str, Callable[[], object]] = {
-        "SIGTERM": lambda: stop("SIGTERM"),
-        "stopped": lambda: status.__setitem__("stop_requested", 1),
-    }
+    asked = {"SIGTERM": lambda: stop("SIGTERM"), "stopped": lambda: status.__setitem__("stop_requested", 1)}
     session.glove.at_tick[100] = asked[reason]
     assert session.run().reason == reason
     assert (session.glove.commands[-1].stiffness == 0.0).all()

@@ -205,9 +205,8 @@ def test_a_pickle_of_data_is_read_and_another_is_not_loaded(tmp_path: Path) -> N
     for protocol in (2, 4):
         path.write_bytes(pickle.dumps(fields | {"J_regressor": csc_matrix(fields["J_regressor"])}, protocol=protocol))
         model = read_mano_model(path)
-        assert np.array_equal(model.regressor, fields["J_regressor"]) and np.array_equal(
-            model.mean, fields["hands_mean"]
-        )
+        assert np.array_equal(model.regressor, fields["J_regressor"])
+        assert np.array_equal(model.mean, fields["hands_mean"])
     path.write_bytes(pickle.dumps(fields | {"extra": os.system}))
     with pytest.raises(TrajectoryError, match=r"holds posix.system, which is not data, so it is not loaded; make an"):
         read_mano_model(path)
