@@ -43,12 +43,8 @@ def scene_case(name: str, script: str, every: int = 33, first: int = 0, last: in
     scene = open_scene(name, script)
     ticks = HandConfiguration.of(scene.hands[0].ticks)
     frames = ticks.at(np.arange(0, ticks.ticks, every)).part(first, last).copy()
-    return Case(
-        scene.hands[0].model,
-        scene.solids[0].placed_mesh,
-        contact_surface("mesh", scene.solids[0].placed_mesh, None),
-        frames,
-    )
+    mesh = scene.solids[0].placed_mesh
+    return Case(scene.hands[0].model, mesh, contact_surface("mesh", mesh, None), frames)
 
 
 def shape_case(shape: trimesh.Trimesh, frames: HandConfiguration) -> Case:

@@ -52,11 +52,8 @@ def lines() -> list[str]:
 
 @pytest.mark.soak
 def test_what_has_settled_is_as_in_the_whole_recording_and_comes_in_time() -> None:
-    follower, found, waited = (
-        Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT),
-        list[FollowedFrame](),
-        [],
-    )
+    follower = Follower(BODIES, latency=LATENCY, hand="right", max_correction=LIMIT)
+    found, waited = [], []
     for k in range(COUNT):
         new = follower.add(GivenFrame(k / RATE, JOINTS[k], SHIFT[k], TURN[k]))
         waited += [k - frame.frame for frame in new if k >= 2 * LATENCY]

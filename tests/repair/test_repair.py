@@ -262,10 +262,8 @@ HANDS = HAND, HandModel.default("left")
 def document() -> dict[str, Any]:
     """What a Leap Motion would have written of both hands in a cube, whose keypoints are repaired."""
     script = shortened(load_script("grasp"), 1.0)
-    bodies, words = (
-        declared_bodies.load_object("cube").with_trees(tree_maker(2)),
-        SceneWords(object="cube", trajectory="grasp"),
-    )
+    bodies = declared_bodies.load_object("cube").with_trees(tree_maker(2))
+    words = SceneWords(object="cube", trajectory="grasp")
     scene = described_scene(words, bodies, HANDS, (script, script)).scene
     ticks = [HandConfiguration.of(hand.ticks) for hand in scene.hands]
     frames = []

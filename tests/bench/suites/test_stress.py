@@ -43,15 +43,9 @@ def failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def case(method: str = "coupled", ticks: int = TICKS, wild: bool = False, surface: str = "spheres") -> StressCase:
-    return StressCase(
-        object="ball",
-        tree=BALL,
-        mesh=ball_mesh(subdivisions=3),
-        solver=SolverOptions(method=method, surface=surface),
-        stress=StressOptions(wild=wild),
-        seed=4,
-        ticks=ticks,
-    )
+    ball = {"object": "ball", "tree": BALL, "mesh": ball_mesh(subdivisions=3)}
+    solver = SolverOptions(method=method, surface=surface)
+    return StressCase(**ball, solver=solver, stress=StressOptions(wild=wild), seed=4, ticks=ticks)
 
 
 class Planted(HandSolver):
