@@ -141,7 +141,12 @@ def session_process(setup: LiveSetup, memory: SessionMemory, *words: str) -> Ite
 
 
 def session_file(
-    path: Path, ticks: Records, reason: str, events: Sequence[tuple[int, int, str]] = (), **counted: int
+    path: Path,
+    ticks: Records,
+    reason: str,
+    events: Sequence[tuple[int, int, str]] = (),
+    samples: Records | None = None,
+    **counted: int,
 ) -> Result:
     """Write a session of these ticks, and load it.
 
@@ -150,13 +155,15 @@ def session_file(
         ticks: As the loop publishes them; each fifth used a sample.
         reason: Of its end.
         events: Time [ns], level and text of each.
+        samples: Of the glove; numbered ones where none are given.
         counted: Counters of the glove by their names.
     """
     setup, rows = make_setup(path), np.zeros(len(events), EVENT)
     for row, (time_ns, level, text) in zip(rows, events):
         row["time_ns"], row["level"], row["text"] = time_ns, level, text.encode()
     counters = np.array([counted.get(name, 0) for name in COUNTERS])
-    taken = {"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, rows)}
+    samples = numbered_samples(ticks) if samples is None else samples
+    taken = {"ticks": (0, ticks), "samples": (0, samples), "events": (0, rows)}
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
         writer.write([taken], counters)
         writer.complete(reason, counters, 0, {})

@@ -1,7 +1,6 @@
 """What is made of a result: a table, a data set of xarray, a motion."""
 
 import csv
-import os
 import sys
 from pathlib import Path
 
@@ -9,15 +8,13 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at, changed
-from live_rings import ended, make_setup, numbered_samples, pour, solved_ticks
+from live_rings import make_setup, numbered_samples, session_file, solved_ticks
 from short_grasp import short_grasp, short_result
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.recorder import Recorder
 from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay_scene
 from hhsim.result.labelled import ALL, USUAL, export_ticks
@@ -133,18 +130,12 @@ def test_a_replay_of_a_replay_is_the_same(replayed: Path, tmp_path: Path) -> Non
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("session") / "session.h5"
-    setup = make_setup(path)
-    ticks = solved_ticks(setup)
+    ticks = solved_ticks(make_setup(path))
     ticks["haptic_position"][:, 0] += 1e-4 * np.arange(len(ticks))
-    memory = SessionMemory.create()
-    pour(memory.ticks, ticks)
     samples = numbered_samples(ticks)
     # Two that were read together, and one that came before the first tick.
     samples["time_ns"][51] = samples["time_ns"][52]
-    pour(memory.samples, samples)
-    ended(memory, os.getpid())
-    Recorder(setup, memory).run()
-    return path
+    return session_file(path, ticks, "duration", samples=samples).path
 
 
 def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
