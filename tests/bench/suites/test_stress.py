@@ -28,7 +28,6 @@ from hhsim.solver.options import UNBOUNDED, SolverOptions
 
 pytestmark = pytest.mark.slow
 
-
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
 TIMES = {"cpu_p50", "cpu_p99", "cpu_max"}
