@@ -29,7 +29,7 @@ import numpy as np
 import pytest
 from conftest import sampled
 from fake_gloves import FakeDexmo
-from live_peers import free_ports
+from live_peers import free_ports, until
 from machine_share import MachineShare, assert_in_time, keeps_time
 from numpy.typing import NDArray
 from own_command import HHSIM
@@ -537,11 +537,9 @@ def test_a_process_is_lost_while_the_session_ends(tmp_path: Path, process: str, 
 def test_a_process_is_lost_while_the_session_begins(tmp_path: Path, process: str, number: signal.Signals) -> None:
     """Nobody is told to hold a finger then, and the session ends, or goes on when the process does."""
     with Drill(tmp_path, recorded=False) as drill:
-        session, limit = drill.session, time.monotonic() + PATIENCE
-        while session.pid(process) is None or session.stage != Stage.STARTING:
-            assert time.monotonic() < limit
-            time.sleep(0.002)
-        pid = drill.session.pid(process)
+        session = drill.session
+        until(lambda: session.pid(process) is not None and session.stage == Stage.STARTING)
+        pid = session.pid(process)
         os.kill(pid, number)
         drill.go_on(0.3)
         assert not stiff(drill.commands()).any()
@@ -550,9 +548,7 @@ def test_a_process_is_lost_while_the_session_begins(tmp_path: Path, process: str
         if number == STOP or process == WATCHDOG:
             drill.grasp()
         else:
-            while session.poll():
-                assert time.monotonic() < limit
-                time.sleep(0.01)
+            until(lambda: not session.poll())
             assert not stiff(drill.commands()).any() and session.end().loop_failed
 
 
@@ -589,11 +585,12 @@ def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
         contextlib.ExitStack() as ends,
     ):
         ends.callback(process.terminate)
-        limit = time.monotonic() + PATIENCE
-        while not (commands := glove.commands).size or commands["stiffness"][-1].max() < STIFF:
-            assert time.monotonic() < limit
+
+        def holds() -> bool:
             assert process.poll() is None, process.communicate()
-            time.sleep(0.01)
+            return bool((commands := glove.commands).size) and commands["stiffness"][-1].max() >= STIFF
+
+        until(holds)
         glove.order("hold")
         time.sleep(0.05)
         # The command itself is not in real time, and looks for signals every 20 ms.
@@ -601,10 +598,8 @@ def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
         before = time.monotonic_ns()
         os.kill(process.pid, number)
         sent = time.monotonic_ns()
-        while glove.noted("gone") < glove.noted("connected"):
-            share.look()
-            assert time.monotonic() < limit, "a process of the session is left behind"
-            time.sleep(0.002)
+        # No process of the session is left behind.
+        until(lambda: share.look() and glove.noted("gone") >= glove.noted("connected"))
         out, err = process.communicate(timeout=PATIENCE)
         commands = glove.commands
         held = commands["time_ns"][stiff(commands)]
