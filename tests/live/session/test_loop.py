@@ -400,7 +400,7 @@ def command(status: Any, stiffness: float, now: int) -> None:
     status["command_version"][0] += 2
 
 
-def test_the_newest_command_is_sent_once_it_is_whole_and_no_more() -> None:
+def test_the_newest_command_is_sent_once() -> None:
     driver, glove, clock, status = opened()
     driver.give()
     assert glove.commands == [], "there is none yet"
