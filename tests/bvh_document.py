@@ -139,7 +139,7 @@ def _write(
     local = node.turned if above is None else np.swapaxes(above, 1, 2) @ node.turned
     if place is not None:
         columns.append(rig.unit * place)
-    columns.append(np.degrees(Rotation.from_matrix(local).as_euler(rig.order)))  # type: ignore[call-overload]
+    columns.append(np.degrees(Rotation.from_matrix(local).as_euler(rig.order)))
     for child in node.children:
         _write(child, rig, depth + 1, lines, columns, None, node.turned)
     lines.append(f"{pad}}}")

@@ -57,7 +57,6 @@ class CommandServer:
                 [sys.executable, __file__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder
             )
         server = self._process
-        assert server.stdin is not None and server.stdout is not None
         server.stdin.write(json.dumps(arguments).encode() + b"\n")
         server.stdin.flush()
         if not select.select([server.stdout], [], [], self._seconds)[0]:

@@ -53,12 +53,10 @@ class FakeDexmo:
     @property
     def pid(self) -> int:
         """Its number, while it runs."""
-        assert self._process is not None
         return self._process.pid
 
     def order(self, text: str) -> None:
         """Give an order, and wait until it is obeyed; RuntimeError if there is no such order, or the process ended."""
-        assert self._process is not None and self._process.stdin is not None
         self._process.stdin.write(text + "\n")
         self._process.stdin.flush()
         if self._answer() != "ok":
@@ -66,14 +64,12 @@ class FakeDexmo:
 
     def kill(self) -> None:
         """Kill the process (SIGKILL), as a crash would."""
-        assert self._process is not None
         self._process.kill()
         self.end()
 
     def end(self) -> None:
         """End the process in good order, if it runs."""
         if self._process is not None:
-            assert self._process.stdin is not None and self._process.stdout is not None
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
             self._process.wait()
@@ -94,7 +90,6 @@ class FakeDexmo:
         return self._lines[kind]
 
     def _answer(self) -> str:
-        assert self._process is not None and self._process.stdout is not None
         return self._process.stdout.readline().strip()
 
     def __enter__(self) -> Self:

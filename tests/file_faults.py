@@ -9,6 +9,7 @@ from typing import Any
 
 import h5py
 
+from hhsim.result.schema import hand_columns
 from hhsim.system import hdf5_input
 from hhsim.system.checksummed_file import seal_file
 
@@ -64,6 +65,12 @@ def forge_scene(file: h5py.File, change: Callable[[dict[str, Any]], object]) -> 
     change(scene)
     hand.attrs["scene"] = json.dumps({key: scene[key] for key in own if key in scene})
     file.attrs["scene"] = json.dumps({key: value for key, value in scene.items() if key not in own})
+
+
+def shortened(file: h5py.File, ticks: int) -> None:
+    """Leave the first ticks of a result of one hand."""
+    for name in ("tick/time", *(f"hands/right/tick/{column.name}" for column in hand_columns())):
+        file[name].resize(ticks, axis=0)
 
 
 @contextmanager

@@ -135,12 +135,7 @@ def iwer_json(sample: JointSample, side: Side = "right") -> str:
         flat = [x for point, r in zip(local, radius) for x in (*point.tolist(), 0.0, 0.0, 0.0, 1.0, float(r))]
         source = [0, *origin.tolist(), *ray.as_quat().tolist(), flat]
         frames.append([1e3 * float(stamp), 0, 1.6, 0, 0, 0, 0, 1, source])
-    schema = {
-        "handedness": side,
-        "hasGrip": False,
-        "hasHand": True,
-        "jointSequence": [_webxr(name) for name in WEBXR_JOINTS],
-    }
+    schema = {"handedness": side, "hasGrip": False, "hasHand": True, "jointSequence": [*map(_webxr, WEBXR_JOINTS)]}
     return json.dumps({"schema": [[0, schema]], "frames": frames})
 
 

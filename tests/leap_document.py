@@ -45,26 +45,12 @@ def keypoint_table(whole: dict[str, Any]) -> str:
 
 def document(side: Literal["right", "left"] = "right", count: int = 30) -> dict[str, Any]:
     """What Leap would have written of the clean recording: y up, millimetres, microseconds."""
-    hand = HandModel.default(side)
-    back = world_matrix("y").T
     frames = []
     for i in range(count):
         pose = (CLEAN.position[i], CLEAN.orientation[i], CLEAN.flexion[i], 0.0 * CLEAN.abduction[i])
-        joints = 1e3 * hand.joints(*pose) @ back.T
-        palm = back @ rotation_matrix(CLEAN.orientation[i])
-        fingers = [
-            {"handId": 7, "type": f, **{key: joints[f, k].tolist() for k, key in enumerate(JOINT_KEYS)}}
-            for f in range(5)
-        ]
-        wrist = 1e3 * back @ CLEAN.position[i] - 42.0 * palm[:, 1]
-        seen = {
-            "id": 7,
-            "type": side,
-            "direction": palm[:, 1].tolist(),
-            "palmNormal": (-palm[:, 2]).tolist(),
-            "wrist": wrist.tolist(),
-            "confidence": 0.2 if i == 4 else 0.9,
-        }
+        shown, joints = leap_hand(HandModel.default(side), pose)
+        fingers = [{"handId": 7, "type": f, **joints[f]} for f in range(5)]
+        seen = {"id": 7, "type": side, **shown, "confidence": 0.2 if i == 4 else 0.9}
         stamp = 20746785498 + round(1e6 * CLEAN.time[i])
         frames.append({"id": i, "timestamp": stamp, "hands": [seen], "pointables": fingers})
     return {"metadata": {"formatVersion": 1, "frames": count, "generatedBy": "LeapJS"}, "frames": frames}

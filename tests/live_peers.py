@@ -23,8 +23,6 @@ Device = TypeVar("Device", bound=GloveDevice)
 
 PATIENCE = 120.0
 """Longest wait of a test for something that comes at once on a quiet machine [s]."""
-
-
 FIRST_PORT, PORT_PAIRS = 12_000, 6_000
 """Below the ports that the system gives to clients, and those of hhsim's own that are usual."""
 _given = itertools.count(127 * os.getpid())

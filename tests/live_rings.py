@@ -1,6 +1,10 @@
 """A session whose rings a test fills itself: ticks of the real solver, samples that are numbered."""
 
-from collections.abc import Sequence
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +17,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.live.device import COUNTERS, GLOVE_SAMPLE
 from hhsim.live.gloves import PoseConfig, configure
-from hhsim.live.processes import SharedRing, Stage
+from hhsim.live.processes import SharedRing, Stage, write_setup
 from hhsim.live.session.loop import loop_options
 from hhsim.live.session.memory import EVENT, LIVE_TICK, SessionMemory
 from hhsim.live.session.recorder import SessionWriter
@@ -46,15 +50,9 @@ BEGAN = 5_000_000_000_000
 SAMPLE_TICKS = 5
 """Ticks a sample: a glove of 200 Hz."""
 CHANNELS = ("thumb_bend", "index_bend", "a/b")
+GRANTED = {"fifo": 0, "memory_locked": False, "timer_slack_ns": 50_000, "cpu": -1, "gc_frozen": False}
 FACTS: dict[str, Any] = {
-    "real_time": {
-        "fifo": 0,
-        "memory_locked": False,
-        "timer_slack_ns": 50_000,
-        "cpu": -1,
-        "gc_frozen": False,
-        "refused": ["not allowed"],
-    },
+    "real_time": {**GRANTED, "refused": ["not allowed"]},
     "device": {"name": "test", "hand": "right", "channels": list(CHANNELS), "unit": "count", "doubtful": []},
     "pose": "fixed",
 }
@@ -129,8 +127,26 @@ def ended(memory: SessionMemory, pid: int, reason: str = "duration") -> None:
         hand.status["stage"] = Stage.ENDED
 
 
+@contextmanager
+def session_process(setup: LiveSetup, memory: SessionMemory, *words: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of a session as the supervisor starts it, by Python's words for its module."""
+    descriptor = write_setup(setup, memory)
+    command, inherited = [sys.executable, *words, "--setup", str(descriptor)], [descriptor, *memory.descriptors]
+    with subprocess.Popen(command, pass_fds=inherited, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+            os.close(descriptor)
+
+
 def session_file(
-    path: Path, ticks: Records, reason: str, events: Sequence[tuple[int, int, str]] = (), **counted: int
+    path: Path,
+    ticks: Records,
+    reason: str,
+    events: Sequence[tuple[int, int, str]] = (),
+    samples: Records | None = None,
+    **counted: int,
 ) -> Result:
     """Write a session of these ticks, and load it.
 
@@ -139,13 +155,15 @@ def session_file(
         ticks: As the loop publishes them; each fifth used a sample.
         reason: Of its end.
         events: Time [ns], level and text of each.
+        samples: Of the glove; numbered ones where none are given.
         counted: Counters of the glove by their names.
     """
     setup, rows = make_setup(path), np.zeros(len(events), EVENT)
     for row, (time_ns, level, text) in zip(rows, events):
         row["time_ns"], row["level"], row["text"] = time_ns, level, text.encode()
     counters = np.array([counted.get(name, 0) for name in COUNTERS])
-    taken = {"ticks": (0, ticks), "samples": (0, numbered_samples(ticks)), "events": (0, rows)}
+    samples = numbered_samples(ticks) if samples is None else samples
+    taken = {"ticks": (0, ticks), "samples": (0, samples), "events": (0, rows)}
     with SessionWriter(path, setup, loop_options(setup.options, setup.rate), {**FACTS, "real_time": {}}) as writer:
         writer.write([taken], counters)
         writer.complete(reason, counters, 0, {})

@@ -11,15 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.hand.model import HandModel
-from hhsim.kernels.live.deadlines import (
-    NOTHING,
-    account_waking,
-    due_time,
-    measure_miss,
-    name_miss,
-    next_deadline,
-    woken,
-)
+from hhsim.kernels.live import deadlines
 from hhsim.kernels.live.loop import DRIVERS, begin_hands, wake_driver
 from hhsim.kernels.live.tick import command_tick, give_hands, look_for_stop, publish_hands, take_hands, waiting_since
 from hhsim.live.cpu_accounts import CpuAccounts
@@ -201,16 +193,16 @@ class Deadlines:
         self.state = deadline_record(period_ns, clock.now()) if state is None else state
         self.at = self.state[0]
 
-    def wait(self, waiting_since: Callable[[], int] = lambda: NOTHING) -> None:
+    def wait(self, waiting_since: Callable[[], int] = lambda: deadlines.NOTHING) -> None:
         """Sleep until the next tick is due; `waiting_since`: when something came that no tick has taken [ns]."""
         now = self.clock.now()
-        next_deadline(self.at, now)
-        due = due_time(self.at, waiting_since(), now)
+        deadlines.next_deadline(self.at, now)
+        due = deadlines.due_time(self.at, waiting_since(), now)
         while now < due:
             self.clock.sleep_until(due)
             now = self.clock.now()
-            due = due_time(self.at, waiting_since(), now)
-        woken(self.at, now, due)
+            due = deadlines.due_time(self.at, waiting_since(), now)
+        deadlines.woken(self.at, now, due)
 
 
 class SteppedLoop(LiveLoop):
@@ -234,7 +226,8 @@ class SteppedLoop(LiveLoop):
         clock, at = self.clock, self.deadlines.at
         misses = self.misses[0]
         if not at.at_once:
-            account_waking(misses, at.woke_ns, at.wakeup_ns, self.accounts.cpu_ns(), self.accounts.run_delay_ns())
+            spent = self.accounts.cpu_ns(), self.accounts.run_delay_ns()
+            deadlines.account_waking(misses, at.woke_ns, at.wakeup_ns, *spent)
         hands = tuple(hand.live for hand in self.hands)
         solved = bool(begin_hands(hands))
         if solved:
@@ -247,8 +240,8 @@ class SteppedLoop(LiveLoop):
             wake_driver(hand.live, wake, clock.now())
         done = clock.now()
         if at.missed > 0:
-            long_stall = measure_miss(misses, at.asked_ns, at.late_ns)
-            name_miss(misses, self.accounts.steal_ns() if long_stall else -1)
+            long_stall = deadlines.measure_miss(misses, at.asked_ns, at.late_ns)
+            deadlines.name_miss(misses, self.accounts.steal_ns() if long_stall else -1)
         publish_hands(hands, self.world, done, solved)
 
 
@@ -361,7 +354,6 @@ class ScriptedSession:
     def recorded(self, path: Path | None = None) -> Result:
         """The file of the session, which has ended."""
         setup = self.setup if path is None else replace(self.setup, record=path)
-        assert setup.record is not None
         self.memory.status["loop_pid"] = os.getpid()
         self.memory.facts.write(self.both.driver.facts() | {"real_time": {}, "reason": "duration"})
         self.memory.status["stage"] = Stage.ENDED

@@ -32,6 +32,7 @@ from hhsim.recordings.dexmo_regression import CHANNELS
 from hhsim.recordings.formats.aria import landmark_columns
 from hhsim.recordings.formats.egodex import arkit_joints
 from hhsim.recordings.joint_names import KEYPOINTS, MANO_JOINTS, OPENXR_JOINTS, UNITY_JOINTS, WEBXR_JOINTS
+from hhsim.recordings.recording import Recording
 from hhsim.recordings.registry import ReadOptions, read_recording, write_recording
 from hhsim.system.settings_file import parse_settings
 
@@ -174,11 +175,18 @@ def npy_dictionary(held: dict[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def own_h5() -> bytes:
+def own_h5(motion: Recording = MOTION) -> bytes:
     """A trajectory."""
     with TemporaryDirectory() as folder:
-        save_trajectory(clean_recording(MOTION).trajectory, Path(folder) / "own.h5")
+        save_trajectory(clean_recording(motion).trajectory, Path(folder) / "own.h5")
         return (Path(folder) / "own.h5").read_bytes()
+
+
+def beside_an_object() -> str:
+    """Our own table without its remarks, and an object in more columns."""
+    own = [row for row in format_csv(clean_recording(MOTION).trajectory).splitlines() if not row.startswith("#")]
+    header = ",".join(f"object_{axis}" for axis in ("px", "py", "pz", "qw", "qx", "qy", "qz"))
+    return "\n".join(f"{row},{more}" for row, more in zip(own, columns_csv(header, PLACE, WXYZ).splitlines()))
 
 
 def zeroed_bvh() -> str:
@@ -264,20 +272,7 @@ CASES: dict[str, Case] = {
     "bvh, no ends": Case({"a.bvh": bvh_text(MOTION, RIGS["no ends"])}),
     "bvh, zeros": Case({"a.bvh": zeroed_bvh()}),
     "csv, own": Case({"a.csv": format_csv(clean_recording(MOTION).trajectory)}, UP),
-    "csv, own and an object": Case(
-        {
-            "a.csv": "\n".join(
-                f"{line},{more}"
-                for line, more in zip(
-                    [r for r in format_csv(clean_recording(MOTION).trajectory).splitlines() if not r.startswith("#")],
-                    columns_csv(
-                        "object_px,object_py,object_pz,object_qw,object_qx,object_qy,object_qz", PLACE, WXYZ
-                    ).splitlines(),
-                )
-            )
-        },
-        {"hand": "right"},
-    ),
+    "csv, own and an object": Case({"a.csv": beside_an_object()}, {"hand": "right"}),
     "csv, mapped": Case({"a.csv": TABLE}, {"columns": MAP}),
     "csv, Euler angles": Case({"a.csv": MAPPED}, {"columns": parse_settings(EULER, ColumnMap, "e.toml"), **UP}),
     "dexmo": Case({"a.csv": dexmo()}),

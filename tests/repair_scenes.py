@@ -5,16 +5,21 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from referee_clearance import referee_clearance
 
 from hhsim.hand.configuration import HandConfiguration
-from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics
+from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.scene import open_scene
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
+from hhsim.verify.mesh_distance import TrueSurface
 
 HAND = HandModel.default()
+
+
+def referee_clearance(hand: HandModel, mesh: Mesh, placed: PlacedHand) -> float:
+    """Least signed distance [m] of a hand to a mesh over some ticks; of an open mesh nothing is inside."""
+    return float(TrueSurface(mesh, open_too=True).clearances(hand_shape(hand), placed, np.inf).min())
 
 
 class Case(NamedTuple):
@@ -38,12 +43,8 @@ def scene_case(name: str, script: str, every: int = 33, first: int = 0, last: in
     scene = open_scene(name, script)
     ticks = HandConfiguration.of(scene.hands[0].ticks)
     frames = ticks.at(np.arange(0, ticks.ticks, every)).part(first, last).copy()
-    return Case(
-        scene.hands[0].model,
-        scene.solids[0].placed_mesh,
-        contact_surface("mesh", scene.solids[0].placed_mesh, None),
-        frames,
-    )
+    mesh = scene.solids[0].placed_mesh
+    return Case(scene.hands[0].model, mesh, contact_surface("mesh", mesh, None), frames)
 
 
 def shape_case(shape: trimesh.Trimesh, frames: HandConfiguration) -> Case:

@@ -96,12 +96,8 @@ def skin_fields(hand: HandModel) -> dict[str, Any]:
     corners = np.vstack([template[spare[:4]].T, np.ones(4)])
     joints = np.vstack([fields["v_template"][:16].T, np.ones(16)])
     regressor[:, spare[:4]] = np.linalg.solve(corners, joints).T
-    return fields | {
-        "v_template": template,
-        "weights": weights,
-        "J_regressor": regressor,
-        "f": np.concatenate(faces).astype(np.uint32),
-    }
+    fields |= {"v_template": template, "weights": weights, "J_regressor": regressor}
+    return fields | {"f": np.concatenate(faces).astype(np.uint32)}
 
 
 class SkinSample(NamedTuple):

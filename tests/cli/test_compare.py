@@ -86,15 +86,10 @@ def test_a_result_is_looked_at_and_filmed(run: Run, results: Path, tmp_path: Pat
     assert (tmp_path / "short.gif").read_bytes().startswith(b"GIF89a")
 
 
-@pytest.fixture
-def coarse_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """How fine they are is not what is tested here, and takes most of the time."""
+def test_a_report_is_made_and_told(run: Run, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # How fine pictures are is not what is tested here, and takes most of the time.
     monkeypatch.setattr("hhsim.report.report.RENDER_DPI", 30)
     monkeypatch.setattr("hhsim.report.figure.DPI", 50)
-
-
-@pytest.mark.usefixtures("coarse_pictures")
-def test_a_report_is_made_and_told(run: Run, results: Path, tmp_path: Path) -> None:
     answer = run("report", str(results / "coupled.h5"))
     assert answer.code == 0, answer.err
     (folder,) = (tmp_path / "results").iterdir()

@@ -59,7 +59,7 @@ def test_every_command_explains_itself(repository: Path) -> None:
     context, page = click.Context(entry.hhsim), (repository / "docs" / "cli.md").read_text(encoding="utf-8")
     for name, line in COMMANDS.items():
         command = entry.hhsim.get_command(context, name)
-        assert command is not None and command.get_short_help_str(limit=200) == line, name
+        assert command.get_short_help_str(limit=200) == line, name
         assert f"hhsim {name}" in page
 
 
@@ -111,7 +111,6 @@ def test_an_error_is_told_in_one_line_with_its_notes(
 )
 def test_a_reader_that_leaves_is_no_error(arguments: list[str], told: str) -> None:
     process = subprocess.Popen([*HHSIM, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
     errors = process.stderr.read()
     process.stderr.close()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from conftest import Run
 from linkage_samples import BOX, joint, link, urdf, write_arm, write_box
 from short_grasp import short_grasp_text
@@ -88,17 +89,12 @@ def test_bad_robots_are_one_line_and_leave_nothing(run: Run, tmp_path: Path, con
 
 
 def write_many(path: Path, strips: int) -> None:
-    """Write a strip of two triangles each as binary PLY."""
+    """Write a row of strips of two triangles each."""
     x = np.linspace(0.0, 1.0, strips + 1)
     vertices = np.stack([np.repeat(x, 2), np.tile([0.0, 0.1], strips + 1), np.zeros(2 * strips + 2)], axis=1)
     first = 2 * np.arange(strips)
     faces = np.concatenate([np.stack([first, first + 1, first + 2], 1), np.stack([first + 1, first + 3, first + 2], 1)])
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz")
-    header += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    rows = np.zeros(len(faces), [("n", "u1"), ("v", "<i4", 3)])
-    rows["n"], rows["v"] = 3, faces
-    path.write_bytes(header.encode() + vertices.astype("<f4").tobytes() + rows.tobytes())
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
 
 
 def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path) -> None:
@@ -124,20 +120,13 @@ def test_an_mjcf_is_a_robot_with_whatever_joints_it_has(run: Run, tmp_path: Path
 
 def test_what_only_looks_is_noted_and_taken_on_request(run: Run, tmp_path: Path) -> None:
     seen = '<visual><geometry><box size="0.1 0.06 0.02"/></geometry></visual>'
-    (tmp_path / "arm.urdf").write_text(
-        urdf(
-            link("a"),
-            link("b", seen),
-            link("c", seen + seen.replace("<geom", '<origin xyz="1 0 0"/><geom', 1)),
-            joint("a", "b"),
-            joint("b", "c"),
-        )
-    )
-    answer = run("build-tree", "arm.urdf", "--leaves", "2", "--as", "urdf", "--out", "spheres.urdf")
+    twice = seen + seen.replace("<geom", '<origin xyz="1 0 0"/><geom', 1)
+    links = link("a"), link("b", seen), link("c", twice)
+    (tmp_path / "arm.urdf").write_text(urdf(*links, joint("a", "b"), joint("b", "c")))
+    words = ("build-tree", "arm.urdf", "--leaves", "2", "--as", "urdf", "--out", "spheres.urdf")
+    answer = run(*words)
     assert answer.code == 0 and "note: b, c: nothing there collides" in answer.err
-    answer = run(
-        "build-tree", "arm.urdf", "--visual", "--leaves", "2", "--as", "urdf", "--out", "spheres.urdf", "--json"
-    )
+    answer = run(*words, "--visual", "--json")
     assert answer.code == 0 and json.loads(answer.out)["notes"] == []
     text = (tmp_path / "spheres.urdf").read_text()
     assert text.count("<visual>") == 3 and text.count("<collision>") == 6
@@ -147,9 +136,8 @@ def test_what_only_looks_is_noted_and_taken_on_request(run: Run, tmp_path: Path)
 def test_spheres_that_touch_in_the_start_pose_are_told_or_listed(run: Run, tmp_path: Path, kind: str) -> None:
     turns = joint("a", "b", origin='xyz="0.1 0 0"'), joint("b", "c", origin='xyz="-0.15 0 0"')
     (tmp_path / "arm.urdf").write_text(urdf(link("a"), link("b"), link("c"), *turns))
-    answer = run(
-        "build-tree", "arm.urdf", "--leaves", "1", "--ignore", kind, "--as", "srdf", "--out", "arm.srdf", "--json"
-    )
+    words = f"build-tree arm.urdf --leaves 1 --ignore {kind} --as srdf --out arm.srdf --json"
+    answer = run(*words.split())
     assert answer.code == 0, answer.err
     found = json.loads(answer.out)
     told = [note for note in found["notes"] if "touch in the start pose: a and c by" in note]
@@ -182,10 +170,8 @@ def test_a_file_of_one_link_is_replayed_as_its_mesh_and_free_with_its_mass(run: 
     result = load_result(work / "one.h5")
     assert result.scene["object"] == "block.urdf" and result["contacts/candidates"].max() > 0
     assert run("replay", "one.h5").code == 0
-    answer = run(
-        *("replay", "block.urdf", "short.toml", "--free", "--surface", "mesh"),
-        *("--level", "1", "--out", "free.h5", "--ticks", "20"),
-    )
+    words = ("--free", "--surface", "mesh", "--level", "1", "--out", "free.h5", "--ticks", "20")
+    answer = run("replay", "block.urdf", "short.toml", *words)
     assert answer.code == 0, answer.err
     assert load_result(work / "free.h5").body.properties["mass"] == 0.3
 

@@ -52,10 +52,8 @@ def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
 
     def played(method: str) -> TickRecord:
         options = SolverOptions(method=method, surface="mesh")
-        solver = HandSolver(
-            capsule_hand(), contact_surface("mesh", scene.solids[0].placed_mesh, scene.solids[0].placed_tree), options
-        )
-        return solver.run(*haptic)
+        surface = contact_surface("mesh", scene.solids[0].placed_mesh, scene.solids[0].placed_tree)
+        return HandSolver(capsule_hand(), surface, options).run(*haptic)
 
     shown, ours = played(name), played("coupled")
     # The same springs and no friction: the same rest, but for the engine's own surface and its softness.
@@ -66,17 +64,17 @@ def test_an_engine_stops_at_a_ball_and_pushes_the_hand_back(name: str) -> None:
     assert (shown.duration[:, 1] > 0).all()
 
 
+def beside_a_ball(hand: HandModel) -> Any:
+    return MuJoCoFast(MethodScene(hand, load_object("sphere").mesh, None, SolverOptions(surface="mesh")))
+
+
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_its_joints_are_those_of_the_hand_and_its_coupling_is_critically_damped(side: Side) -> None:
     pytest.importorskip("mujoco")
     random, hand = np.random.default_rng(1), HandModel.default(side)
-    made: Any = MuJoCoFast(MethodScene(hand, load_object("sphere").mesh, None, SolverOptions(surface="mesh")))
-    pose = HandConfiguration(
-        random.normal(size=3),
-        quaternion(random.normal(size=3)),
-        random.uniform(0.0, 1.0, (5, 3)),
-        random.uniform(-0.2, 0.3, 5),
-    )
+    made = beside_a_ball(hand)
+    palm = random.normal(size=3), quaternion(random.normal(size=3))
+    pose = HandConfiguration(*palm, random.uniform(0.0, 1.0, (5, 3)), random.uniform(-0.2, 0.3, 5))
     made.begin(pose)
     made._mujoco.mj_forward(made._model, made._data)
     found = [[made._data.body(f"{finger} {k}").xpos for k in range(3)] for finger in FINGERS]
@@ -90,9 +88,7 @@ def test_its_joints_are_those_of_the_hand_and_its_coupling_is_critically_damped(
 
 def test_dampers_get_the_speed_of_the_hand_in_its_palm() -> None:
     pytest.importorskip("mujoco")
-    made: Any = MuJoCoFast(
-        MethodScene(HandModel.default(), load_object("sphere").mesh, None, SolverOptions(surface="mesh"))
-    )
+    made = beside_a_ball(HandModel.default())
     turn, way = np.array([0.3, -0.2, 0.5]), np.array([0.01, 0.02, -0.03])
     first = quaternion(np.array([0.4, 0.1, -0.7]))
     before = HandConfiguration(np.zeros(3), first, np.full((5, 3), 0.2), np.zeros(5))

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import Run
-from file_faults import changed, forge_scene
+from file_faults import changed, forge_scene, shortened
 from gate_scene import SUITE, write_suite
 from hypothesis import given
 from hypothesis import strategies as st
@@ -157,11 +158,8 @@ def test_a_finger_that_sinks_beside_a_deeper_palm_is_caught(stored: Path, record
     assert [row.head for row in report.missed] == pytest.approx([0.4e-3, 0.1e-3])
     # A finger that is as deep for longer is deeper in the mean.
     (row,) = gate_result(after, deep, brief).missed
-    assert (
-        row.verdict == "worse"
-        and row.name == "penetration_index_mean"
-        and row.reason == "more than 1 µm above the base"
-    )
+    assert (row.verdict, row.name) == ("worse", "penetration_index_mean")
+    assert row.reason == "more than 1 µm above the base"
     wanted = "penetration_max = 1e-2\npenetration_index_max = 5e-4\npenetration_index_mean = false"
     report = gate_result(after, parse_suite(SUITE.replace("penetration_max = 1e-6", wanted), Path(), "own"), base)
     assert (report.verdict, report.exit_code) == ("worse within limits", 0)
@@ -184,27 +182,12 @@ def test_a_suite_that_names_no_slack_has_half_a_percent(repository: Path) -> Non
     assert "`slack`, 0.5 % by default" in (repository / "docs" / "gate.md").read_text(encoding="utf-8")
 
 
-def _truncate(file: h5py.File) -> None:
-    for group in ("tick", "hands/right/tick"):
-        of_ticks = [name for name, item in _datasets(file[group]) if len(item) == 200]
-        for name in of_ticks:
-            rows, stated = file[group][name][:60], dict(file[group][name].attrs)
-            del file[group][name]
-            file[group].create_dataset(name, data=rows).attrs.update(stated)
-
-
-def _datasets(group: h5py.Group) -> list[tuple[str, h5py.Dataset]]:
-    found: list[tuple[str, h5py.Dataset]] = []
-    group.visititems(lambda name, item: found.append((name, item)) if isinstance(item, h5py.Dataset) else None)
-    return found
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
         (lambda file: file.attrs.update(complete=0), "the run was stopped: it has only the first 200 ticks"),
         (lambda file: forge_scene(file, lambda scene: scene.update(ticks=200)), "only the first 200 ticks were run"),
-        (_truncate, "its summary is not of its 60 ticks"),
+        (lambda file: shortened(file, 60), "its summary is not of its 60 ticks"),
     ],
 )
 def test_a_run_that_is_not_whole_is_missed(
@@ -438,7 +421,6 @@ def test_the_verdict_of_all_rows(rows: list[GateRow], expected: tuple[str, int])
 
 def test_the_projects_own_suite_is_read_and_has_a_baseline_of_each_scene(repository: Path) -> None:
     suite = load_suite(repository / "hhsim-gate.toml")
-    assert suite.baseline is not None
     baseline = load_baseline(suite.folder / suite.baseline)
     assert set(baseline.scenes) == {scene.name for scene in suite.scenes}
 
@@ -552,7 +534,10 @@ def test_the_docs_show_the_suites_own_names(repository: Path) -> None:
     text = page.split("```toml\n")[1].split("```")[0]
     (scene,) = parse_suite(text, Path(), "docs/gate.md").scenes
     assert scene.timed
-    assert all(f"`{name}`" in page for name in compared_metrics())
+    # The means of parts of the hand are told by their ending.
+    assert "the mean in names that end with `_mean`" in page
+    names = [re.sub("^(penetration_.+)_mean$", r"\1_max", name) for name in compared_metrics()]
+    assert all(f"`{name}`" in page for name in names)
     assert parse_suite(default_suite_text(), Path(), "default").time.limit == 0.05
 
 

@@ -116,7 +116,6 @@ def test_what_the_watchdog_opens_knows_nothing_of_readings() -> None:
     config = configure("dexmo", port=1)
     assert config.calibration is not None
     bare = make_setup(device=config).for_watchdog([0])[0].device
-    assert bare is not None
     assert (bare.calibration, bare.playback, bare.options) == (None, None, config.options)
     assert isinstance(open_release(bare), FingerRelease)
     assert type(open_release(configure("sim"))) is FingerRelease
@@ -127,12 +126,8 @@ def test_a_glove_in_one_file_drives_the_loop_and_is_stopped(text_glove: None, tm
     closure = np.linspace(FREE, FIST / np.pi * 2.0, 100)
     bends.write_text("\n".join(" ".join([f"{bend:.6f}"] * 5) for bend in [*closure, *[closure[-1]] * 200]))
     assert "text" in GLOVES
-    setup = make_setup(
-        device=configure("text", file=str(bends)),
-        safety=SafetyLimits(watchdog=False),
-        output=OutputLimits(ramp=0.02),
-        duration=0.25,
-    )
+    limits = {"safety": SafetyLimits(watchdog=False), "output": OutputLimits(ramp=0.02)}
+    setup = make_setup(device=configure("text", file=str(bends)), duration=0.25, **limits)
     memory, clock = SessionMemory.create(), FakeClock()
     glove: Any = open_device(setup.worn[0].device)
     glove.clock = clock.now

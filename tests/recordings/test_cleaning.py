@@ -18,12 +18,10 @@ from hhsim.recordings.frames import turned
 from hhsim.recordings.recording import Recording, turn
 
 CLEAN = smooth_recording()
-HAND = HandModel.default()
 PLAIN = cleaned(CLEAN).trajectory
 
 
 def flagged(repaired: CleanedRecording, flag: SampleFlag) -> list[int]:
-    assert repaired.trajectory.flags is not None
     return np.flatnonzero(marked(repaired.trajectory.flags, flag)).tolist()
 
 
@@ -32,7 +30,7 @@ def kinds(repaired: CleanedRecording) -> set[str]:
 
 
 def changed(**arrays: FloatArray) -> Recording:
-    return replace(CLEAN, **arrays)  # type: ignore[arg-type]
+    return replace(CLEAN, **arrays)
 
 
 def with_rows(key: str, rows: slice | int | list[int], value: float) -> Recording:
@@ -93,7 +91,7 @@ def test_a_clean_recording_comes_out_as_it_went_in() -> None:
     repaired = cleaned(CLEAN)
     motion = repaired.trajectory
     assert repaired.findings == () and repaired.mended == 0
-    assert motion.flags is not None and not motion.flags.any()
+    assert not motion.flags.any()
     for key in ("time", "position", "flexion", "abduction"):
         assert getattr(motion, key).tobytes() == getattr(CLEAN, key).tobytes(), key
     assert motion.hand == "right" and motion.name == "smooth"
@@ -256,7 +254,6 @@ def test_metres_far_from_the_origin_stay_metres_and_the_origin_moves(
     motion = repaired.trajectory
     assert np.linalg.norm(motion.position, axis=1).max() < 2.0 and repaired.mended == 0
     np.testing.assert_allclose(np.diff(motion.position, axis=0), np.diff(small, axis=0), atol=1e-11)
-    assert motion.object_motion is not None
     np.testing.assert_allclose(motion.object_motion.position - motion.position, 0.1, atol=1e-11)
     (text,) = (finding.text for finding in repaired.findings if "origin" in finding.text)
     assert "m from the origin, which is moved to" in text
@@ -280,9 +277,8 @@ def test_joints_stay_within_the_hand() -> None:
     flexion[30:40, 1, 0] = np.linspace(1.2, 2.6, 10)
     flexion[40:50, 1, 0] = np.linspace(2.6, flexion[50, 1, 0], 10)
     repaired = cleaned(changed(flexion=flexion))
-    limits = HAND
     assert flagged(repaired, SampleFlag.LIMITED) and "index_flex1" in repaired.findings[-1].text
-    assert (repaired.trajectory.flexion <= limits.flexion_max).all()
+    assert (repaired.trajectory.flexion <= HandModel.default().flexion_max).all()
     kept = cleaned(changed(flexion=flexion), CleaningOptions(limits=None))
     assert kept.trajectory.flexion.max() == pytest.approx(2.6) and not flagged(kept, SampleFlag.LIMITED)
 
@@ -318,7 +314,7 @@ def test_repairing_twice_changes_nothing() -> None:
     once = cleaned(changed(position=position, orientation=-1.5 * CLEAN.orientation)).trajectory
     twice = cleaned(recording_of(once))
     assert twice.trajectory.position.tobytes() == once.position.tobytes()
-    assert twice.trajectory.flags is not None and (twice.trajectory.flags == once.flags).all()
+    assert (twice.trajectory.flags == once.flags).all()
     assert twice.findings == ()
 
 
@@ -327,7 +323,7 @@ def test_holes_in_the_objects_motion_are_filled_and_reported() -> None:
     place[40:44], turn_[60] = np.nan, 0.0
     repaired = cleaned(replace(CLEAN, object_motion=ObjectMotion(place, turn_)))
     moved = repaired.trajectory.object_motion
-    assert moved is not None and (moved.orientation == [1.0, 0.0, 0.0, 0.0]).all()
+    assert (moved.orientation == [1.0, 0.0, 0.0, 0.0]).all()
     np.testing.assert_allclose(moved.position[40:44], CLEAN.position[40:44] + 0.1, atol=2e-3)
     (found,) = (finding for finding in repaired.findings if finding.kind == "object")
     assert found.samples == 5
@@ -337,5 +333,5 @@ def test_the_objects_motion_is_cut_sorted_and_scaled_with_the_hands() -> None:
     millimetres = BESIDE.chosen(np.arange(CLEAN.sample_count)[::-1]).resized(1e3)
     options = CleaningOptions(start=float(CLEAN.time[20]))
     motion = cleaned(millimetres, options, length_unit="mm").trajectory
-    assert motion.object_motion is not None and motion.sample_count < CLEAN.sample_count
+    assert motion.sample_count < CLEAN.sample_count
     np.testing.assert_allclose(motion.object_motion.position, motion.position + 0.1, atol=1e-12)

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -18,15 +17,14 @@ from joint_samples import Y_UP, array_npy, arrays_npz, iwer_json, joint_sample, 
 from leap_document import document, packed
 from lzstring import LZString
 from pose_samples import lerobot_bytes, mano_fields, mano_poses, umetrack_lines, umetrack_profile
-from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, imported, laid_out
+from recorded_files import CASES, COUNT, GOLDEN, PLACE, TURN, angles_npz, imported, laid_out, own_h5
 from recording_damage import DAMAGES, Damage, damaged_bytes
 from recording_samples import cleaned, read_as, smooth_recording
 
-from hhsim.arrays import AnyArray, FloatArray
+from hhsim.arrays import FloatArray
 from hhsim.errors import HhsimError
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.motion.csv_file import format_csv
-from hhsim.motion.file import save_trajectory
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.motion.sample_flags import SampleFlag
 from hhsim.motion.trajectory import Trajectory
@@ -53,7 +51,6 @@ def sound(name: str, folder: Path | None) -> tuple[Recording, CleanedRecording]:
 
 def reported(repaired: CleanedRecording) -> tuple[Counter[tuple[str, int]], list[int]]:
     """Findings without joint limits, which say nothing of what an angle should be."""
-    assert repaired.trajectory.flags is not None
     found = Counter((f.kind, f.samples) for f in repaired.findings if f.kind != SampleFlag.LIMITED.word)
     return found, (repaired.trajectory.flags & ~np.uint32(SampleFlag.LIMITED.value)).tolist()
 
@@ -120,12 +117,6 @@ def check(damage: Damage, name: str, folder: Path | None, runs: int) -> None:
         assert verdict != "silent", f"{name}, run {run}"
 
 
-def trajectory_file() -> bytes:
-    with TemporaryDirectory() as folder:
-        save_trajectory(clean_recording(HAND).trajectory, Path(folder) / "take.h5")
-        return (Path(folder) / "take.h5").read_bytes()
-
-
 HAND, JOINTS = smooth_recording(60, seed=6), joint_sample(count=60)
 POSES = mano_poses(JOINTS)
 JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
@@ -143,8 +134,10 @@ JOINT_FILES: dict[str, Callable[[], str | bytes]] = {
 }
 FILES: dict[str, Callable[[], str | bytes]] = {
     "csv": lambda: format_csv(clean_recording(HAND).trajectory),
-    "npz": lambda: npz_of(HAND),
-    "h5": trajectory_file,
+    "npz": lambda: angles_npz(
+        t=HAND.time, wrist_pos=HAND.position, wrist_quat=HAND.orientation, flex=HAND.flexion, abd=HAND.abduction
+    ),
+    "h5": lambda: own_h5(HAND),
     "leap": lambda: json.dumps(packed(document())),
     "leap lz": lambda: LZString.compressToBase64(json.dumps(packed(document()))),
     "bvh": lambda: bvh_text(HAND, RIGS["mixamo"]),
@@ -177,11 +170,6 @@ def test_damaged_bytes_of_every_format(form: str, runs: int, tmp_path: Path) -> 
     assert verdicts["refused"] > 0.2 * runs, verdicts
 
 
-def npz_of(hand: Recording, **more: AnyArray) -> bytes:
-    arrays = {"wrist_pos": hand.position, "wrist_quat": hand.orientation, "flex": hand.flexion, "abd": hand.abduction}
-    return arrays_npz(t=hand.time, **arrays, **more)
-
-
 def test_every_format_has_a_case() -> None:
     assert {name.partition(",")[0] for name in CASES} == set(FORMATS.names())
 
@@ -198,16 +186,8 @@ def test_an_import_gives_what_it_gave(name: str, tmp_path: Path) -> None:
 
 
 OTHERS = (
-    "aria",
-    "csv, Euler",
-    "csv, mapped",
-    "csv, own and",
-    "dexmo",
-    "keypoints, no scale",
-    "leap",
-    "lerobot, mapped",
-    "mano, coefficients",
-    "npz, degrees",
+    *("aria", "csv, Euler", "csv, mapped", "csv, own and", "dexmo", "keypoints, no scale", "leap", "lerobot, mapped"),
+    *("mano, coefficients", "npz, degrees"),
 )
 """Files of something else than the whole of our sample."""
 ROUNDED = {"bvh": 1e-3, "mcap": 4e-5}

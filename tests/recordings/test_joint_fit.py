@@ -11,6 +11,7 @@ from recording_samples import read_as, smooth_recording
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import TrajectoryError
+from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import SIDES, HandModel
 from hhsim.motion.sample_flags import SampleFlag, marked
 from hhsim.recordings.cleaning import CleaningOptions, clean_recording
@@ -32,22 +33,14 @@ from hhsim.recordings.registry import Content, ReadOptions, read_recording
 
 
 def read(sample: JointSample, options: ReadOptions | None = None, **fields: Any) -> Recording:
-    given: dict[str, Any] = {
-        "time": sample.motion.time,
-        "position": sample.named(),
-        "up": "y",
-        "unit": 1.0,
-        "time_unit": "s",
-    }
-    return recording_of_joints(
-        JointPositions(**given | fields), Content(data=b"", name="take"), options or ReadOptions()
-    )
+    given = {"time": sample.motion.time, "position": sample.named(), "up": "y", "unit": 1.0, "time_unit": "s"}
+    positions, content = JointPositions(**given | fields), Content(data=b"", name="take")
+    return recording_of_joints(positions, content, options or ReadOptions())
 
 
 @pytest.mark.parametrize("noise", [0.0005, 0.002])
 def test_the_error_of_the_fit_is_that_of_the_noise(noise: float) -> None:
     recording = read(joint_sample(count=400, noise=noise))
-    assert recording.bones is not None
     # Four points of three coordinates a finger, of which four angles are fitted and the palm takes its share.
     free = recording.bones.rms / noise
     assert (free > np.sqrt(3.0 * (12 - 4 - 6) / 12)).all() and (free < 1.6 * np.sqrt(3.0)).all()
@@ -60,7 +53,7 @@ def test_lengths_are_found_stated_or_scaled() -> None:
     for factor, unit in ((1.0, "m"), (100.0, "cm"), (1000.0, "mm"), (1.0 / 0.0254, "inch")):
         recording = read(sample, position=factor * sample.named(), unit=None)
         assert f"taken for {unit};" in words(recording) and np.allclose(recording.flexion, exact)
-        assert recording.bones is not None and recording.bones.hand_length == pytest.approx(0.1835, abs=1e-3)
+        assert recording.bones.hand_length == pytest.approx(0.1835, abs=1e-3)
     stated = read(sample, ReadOptions(length_unit="mm"), position=1e3 * sample.named(), unit=None)
     assert "unit" not in words(stated)
     with pytest.raises(TrajectoryError, match=r"the hand is 183\.\d m long .* say --length-unit"):
@@ -74,9 +67,6 @@ def test_the_side_is_said_or_told_by_the_fingers_or_asked_for() -> None:
     for side in ("right", "left"):
         told = read(joint_sample(side))
         assert told.hand == side and f"a {side} one by the bend of its fingers" in words(told)
-    for fields, other in (({}, "--hand right"), ({"hand": "left"}, "--mirror x --other-hand")):
-        with pytest.raises(TrajectoryError, match=rf"named a left hand, .* as a right one's: .*, {other} if it is"):
-            read(joint_sample("right"), ReadOptions(hand="" if fields else "left"), **fields)
     wrong = read(joint_sample("right", bend=0.1), hand="left")
     assert wrong.hand == "left" and "as a left hand its thumb is behind its palm" in words(wrong)
     assert "thumb" not in words(read(joint_sample("right", bend=0.1), hand="right"))
@@ -274,7 +264,6 @@ def test_a_fitted_hand_holds_its_motion_without_a_cut(side: Side) -> None:
     sample = joint_sample(side, count=200, noise=0.003)
     moved, text = fitted_hand(read_as("openxr", openxr_csv(sample, side)), "take.csv")
     hand = HandModel.of_text(text, "take.toml", side)
-    assert moved.joints is not None and moved.bones is not None
     assert "limited" not in {finding.kind for finding in clean_recording(moved, CleaningOptions(limits=hand)).findings}
     fingers = moved.joints[:, 1:].reshape(-1, 5, 4, 3)
     poses = zip(moved.position, moved.orientation, moved.flexion, moved.abduction)
@@ -300,11 +289,8 @@ def test_a_hand_of_another_size_is_found(side: Side, radii: bool) -> None:
     bones = slice(None) if radii else slice(2)
     assert np.allclose(hand.length[:, bones], sample.hand.length[:, bones], atol=1e-6)
     assert np.allclose(hand.radius, sample.hand.radius, atol=1e-6) or not radii
-    k = 11
-    joints = hand.joints(moved.position[k], moved.orientation[k], moved.flexion[k], moved.abduction[k])
-    own = sample.hand.joints(
-        sample.motion.position[k], sample.motion.orientation[k], sample.motion.flexion[k], sample.motion.abduction[k]
-    )
+    made = (hand, moved), (sample.hand, sample.motion)
+    joints, own = (of.joints(*HandConfiguration.of(motion).at(11)) for of, motion in made)
     assert np.abs(joints[:, :3] - own[:, :3]).max() < 5e-6
 
 
@@ -318,5 +304,4 @@ def test_radii_beside_an_array_of_points_are_the_hand_s() -> None:
     radius = np.array([sample.radius[OPENXR_JOINTS.index(name)] for name in KEYPOINTS])
     for stated in (radius, np.tile(radius, (len(sample.joints), 1))):
         recording = read_as("keypoints", arrays_npz(joints=sample.named(), t=sample.motion.time, radius=stated))
-        assert recording.bones is not None and recording.bones.radius is not None
         assert np.allclose(recording.bones.radius, sample.hand.radius, atol=1e-6) and "radius" not in words(recording)

@@ -32,7 +32,7 @@ def test_seconds_and_nanoseconds_make_one_stamp(
 ) -> None:
     held = {"sec": np.array(seconds, float), "nanosec": np.array(fraction, float)}
     column = time_column(held)
-    assert column is not None and column.stamps(held.__getitem__).tolist() == expected
+    assert column.stamps(held.__getitem__).tolist() == expected
 
 
 def test_what_a_name_says() -> None:
@@ -179,7 +179,7 @@ def test_every_container_states_side_rate_unit_and_order(form: str) -> None:
     # What the user says goes before.
     other = read(STATED[form], rate=100.0, joint_order="mediapipe")
     assert np.allclose(other.time, np.arange(COUNT) / 100.0) and "as 'fps' says" not in words(other)
-    with pytest.raises(TrajectoryError, match="named a left hand, but its fingers bend as a right one's"):
+    with pytest.raises(TrajectoryError, match=r"named a left hand, .* as a right one's: .*, --hand right if it is"):
         read(STATED[form], hand="left")
 
 
@@ -211,14 +211,11 @@ def test_recordings_of_angles_take_side_rate_and_unit() -> None:
     # An object whose names say its unit has that one, whatever the unit of the hand.
     beside = {"object_pos_cm": 100.0 * motion.position, "object_quat": motion.orientation}
     recording = read_as("npz", arrays_npz(**arrays, **beside, t=TIME, units="mm"))
-    assert recording.object_motion is not None
     np.testing.assert_allclose(recording.object_motion.position, recording.position, atol=1e-12)
 
 
-def test_a_rate_beside_stamps_is_not_used_and_a_unit_has_to_make_a_hand() -> None:
+def test_a_rate_beside_stamps_is_not_used() -> None:
     assert "not used: fps" in words(read(arrays_npz(keypoints=POINTS, t=TIME, fps=30)))
-    with pytest.raises(TrajectoryError, match=r"the hand is 0\.000183\d* m long .* say --length-unit"):
-        read(arrays_npz(keypoints=POINTS, t=TIME, unit="mm"))
 
 
 def test_a_data_set_of_one_hand_names_it_in_a_column() -> None:

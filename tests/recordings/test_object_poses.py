@@ -63,7 +63,6 @@ def read(tmp_path: Path, data: bytes, suffix: str, time: FloatArray = TIME, **op
     path = tmp_path / f"poses{suffix}"
     path.write_bytes(data)
     recording = with_object_poses(hand_at(time), path, ReadOptions(**options))
-    assert recording.object_motion is not None
     return recording.object_motion, words(recording)
 
 
@@ -74,7 +73,6 @@ def hand_at(time: FloatArray) -> Recording:
 
 
 def assert_pose(motion: ObjectMotion | None, place: FloatArray = PLACE, turn: FloatArray = MATRIX[:, :3, :3]) -> None:
-    assert motion is not None
     np.testing.assert_allclose(motion.position, place, atol=1e-9)
     np.testing.assert_allclose(rotation_matrix(motion.orientation), turn, atol=1e-9)
 
@@ -181,7 +179,6 @@ def test_the_unit_of_poses_beside_a_far_hand_is_that_of_their_distance_from_it(t
     (tmp_path / "far.npy").write_bytes(array_npy(far))
     hand = SAMPLE.motion.changed(position=SAMPLE.motion.position + 3200.0)
     moved = with_object_poses(hand, tmp_path / "far.npy", ReadOptions()).object_motion
-    assert moved is not None
     np.testing.assert_allclose(moved.position, PLACE + 3200.0)
 
 
@@ -192,7 +189,6 @@ FRAME_PLACE, FRAME_TURN = PLACE @ Y_UP, Y_UP.T @ MATRIX[:, :3, :3]
 def test_without_a_stated_world_the_axes_are_kept_so_hand_and_object_stay_together() -> None:
     recording = read_as("keypoints", arrays_npz(keypoints=POINTS, t=TIME, obj_pose=MATRIX))
     assert_pose(recording.object_motion)
-    assert recording.joints is not None
     np.testing.assert_allclose(recording.joints, POINTS, atol=1e-12)
     assert "its axes are the world's" in words(recording)
 

@@ -13,7 +13,6 @@ from conftest import Run
 
 from hhsim.errors import InputError, TrajectoryError
 from hhsim.motion.file import load_trajectory
-from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings import formats
 from hhsim.recordings.column_map import ColumnMap
 from hhsim.recordings.dexmo_regression import CHANNELS
@@ -81,7 +80,6 @@ def test_a_new_format_is_one_new_file(added: Path, run: Run, tmp_path: Path) -> 
     imported = load_trajectory(tmp_path / "take.h5")
     assert np.allclose(imported.flexion[:, 1, 2], np.linspace(0.1, 0.4, 50))
     replayed = resolve_trajectory(added)
-    assert isinstance(replayed, Trajectory)
     assert np.array_equal(replayed.flexion, imported.flexion)
     # What tells a user which formats there are tells of it.
     code, _, err = run("import", str(added), "--format", "jointline")
@@ -165,14 +163,10 @@ def test_a_mapping_of_columns_wins_over_a_gloves_channels_and_fits_no_other_form
         read_content(Content(data=b"HIERARCHY"), ReadOptions(columns=columns))
 
 
-def test_a_missing_or_a_large_file_is_refused(tmp_path: Path) -> None:
+def test_a_large_file_is_refused(tmp_path: Path) -> None:
     large = tmp_path / "large.csv"
     with large.open("wb") as file:
         file.write(b"time,px\n" * 1000)
         file.truncate((1 << 30) + 1)
-    for name, message in (
-        ("none.npz", "no such file"),
-        ("large.csv", "more than 1 GB; expected a recording of a hand"),
-    ):
-        with pytest.raises(TrajectoryError, match=f"{name}: {message}"):
-            read_recording(tmp_path / name)
+    with pytest.raises(TrajectoryError, match=r"large\.csv: more than 1 GB; expected a recording of a hand"):
+        read_recording(large)

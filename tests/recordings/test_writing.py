@@ -49,11 +49,6 @@ def two_hands() -> str:
     return "# made: by hand\r\n" + "\r\n".join(rows).replace(",0.5", ",gain", 1) + "\r\n"
 
 
-def few_digits() -> str:
-    """A table without a header, with lines of Windows."""
-    return "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)
-
-
 with np.load(GOLDEN) as held:
     # What is written of joint centres; of poses and angles it is two-dimensional.
     FILES = {name: CASES[name] for name in CASES if np.ndim(held.get(f"{name}/written")) == 3}
@@ -69,7 +64,9 @@ FILES |= {
     "npz, 25 named joints": Case(
         {"a.npz": arrays_npz(points=SAMPLE.named(NAMED), joint_names=NAMED, fps=30, unit="m")}, UP
     ),
-    "keypoints csv, bare, CR LF, few digits": Case({"a.csv": few_digits()}, SIDED),
+    "keypoints csv, bare, CR LF, few digits": Case(
+        {"a.csv": "".join(",".join(f"{x:.5g}" for x in row.ravel()) + "\r\n" for row in POINTS)}, SIDED
+    ),
     "keypoints, two hands": Case({"a.csv": two_hands()}, {"hand": "left", **UP}),
 }
 BINARY = (".npy", ".npz", ".pkl")
@@ -111,21 +108,20 @@ def test_no_correction_gives_the_same_bytes(name: str, tmp_path: Path) -> None:
     content = Content(tmp_path / next(iter(FILES[name].files)))
     if content.path is not None and content.path.suffix not in REPACKED and "mano" not in content.path.name:
         form = format_of(content, options)
-        assert form.write is not None
         assert form.write(content, options, changes(recording, correction)) == before
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_corrected_joints_are_read_back_and_all_else_is_the_same_text(name: str, tmp_path: Path) -> None:
     before, after, recording, correction, options, off = written(tmp_path, name)
-    assert correction.changed.sum() >= 4 and off is not None
+    assert correction.changed.sum() >= 4
     # Half a micrometre of text, or half a unit of float32 at half a metre; 44 coefficients hold no hand.
     nearest = 5e-3 if "coefficients" in name else 2e-6
     assert off < (nearest if "coefficients" in name else 0.9e-6)
     path = tmp_path / next(iter(FILES[name].files))
     path.write_bytes(after)
     again = read_recording(path, options)
-    assert again.joints is not None and np.array_equal(again.rows, recording.rows)
+    assert np.array_equal(again.rows, recording.rows)
     assert np.nanmax(np.abs(again.joints - correction.joints)) < nearest
     assert np.nanmax(np.linalg.norm(again.joints - recording.joints, axis=2)) > 4e-3
     still = ~correction.changed
@@ -151,7 +147,7 @@ def test_some_samples_in_another_order_are_found_in_the_file(name: str, tmp_path
     whole = read_recording(path, options).joints
     path.write_bytes(after)
     again = read_recording(path, options).joints
-    assert off is not None and off < 0.9e-6 and again is not None and whole is not None
+    assert off < 0.9e-6
     moved = np.nanmax(np.linalg.norm(again - whole, axis=2), axis=1)
     assert np.flatnonzero(moved > 0.0).tolist() == [3, 6, 11]
 
@@ -165,10 +161,9 @@ def test_the_other_hand_and_unknown_columns_stay(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("names", [OPENXR_JOINTS, WEBXR_JOINTS, UNITY_JOINTS])
 def test_joints_of_an_array_beyond_the_21_move_with_the_palm(names: tuple[str, ...], tmp_path: Path) -> None:
-    form = {26: "keypoints, 26 joints", 25: "npy, 25 joints, flat"}[len(names)]
-    before, after, recording, correction, *_ = written(
-        tmp_path, "keypoints, Unity's" if names is UNITY_JOINTS else form
-    )
+    form = "npy, 25 joints, flat" if len(names) == 25 else "keypoints, 26 joints"
+    form = "keypoints, Unity's" if names is UNITY_JOINTS else form
+    before, after, recording, correction, *_ = written(tmp_path, form)
     old, new = (np.load(io.BytesIO(data)).reshape(-1, len(names), 3) for data in (before, after))
     turn, wrist = recording.file_frame.rotation_to_file(correction.rotation[:, 0]), names.index("wrist")
     others = [k for k, name in enumerate(names) if name not in KEYPOINTS]
@@ -209,15 +204,10 @@ def same_motion(again: Any, recording: Any, correction: Any, atol: float) -> Non
         assert np.allclose(getattr(again, key), getattr(recording, key) + step, atol=atol)
 
 
-def own(suffix: str, folder: Path) -> Path:
-    path = folder / f"take{suffix}"
-    save_trajectory(clean_recording(SAMPLE.motion).trajectory, path)
-    return path
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".h5"])
 def test_our_own_files(suffix: str, tmp_path: Path) -> None:
-    path, out = own(suffix, tmp_path), tmp_path / f"new{suffix}"
+    path, out = tmp_path / f"take{suffix}", tmp_path / f"new{suffix}"
+    save_trajectory(clean_recording(SAMPLE.motion).trajectory, path)
     options = ReadOptions(world_up="y") if suffix == ".csv" else ReadOptions()
     recording = read_recording(path, options)
     correction = a_correction(recording)
@@ -235,15 +225,7 @@ def test_our_own_files(suffix: str, tmp_path: Path) -> None:
 
 
 READ_ALONE = (
-    "bvh, mixamo",
-    "csv, mapped",
-    "dexmo",
-    "egodex",
-    "keypoints, json",
-    "leap",
-    "lerobot",
-    "mcap",
-    "umetrack",
+    *("bvh, mixamo", "csv, mapped", "dexmo", "egodex", "keypoints, json", "leap", "lerobot", "mcap", "umetrack"),
     "webxr",
 )
 """A case of each format, or kind of it, that is read and not written."""

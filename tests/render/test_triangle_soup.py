@@ -20,28 +20,13 @@ from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.mesh.mesh import Mesh
 from hhsim.metrics.brute_force_distance import round_cone_distance
+from hhsim.render import triangle_soup as soup
 from hhsim.render.before_after import FRAMES, JUST_INSIDE, SIDE, TITLE, deepest_frames, draw_before_after
 from hhsim.render.figure import new_figure, save_figure
 from hhsim.render.hand_picture import arrow_layers, label, with_hidden
 from hhsim.render.rasterizer import OVERSAMPLING, Camera, Layer, blend, frame, lit, rasterise, shade
 from hhsim.render.spheres_figure import draw_tree
-from hhsim.render.triangle_soup import (
-    FAR,
-    NEAR,
-    PIECES,
-    SKIN,
-    SPHERE,
-    arrow_surface,
-    clipped,
-    hand_surface,
-    joined,
-    look_from,
-    near_hands,
-    piece_poses,
-    piece_surfaces,
-    round_cone_surface,
-)
-from hhsim.render.triangle_soup import round_cone_surface as cone
+from hhsim.render.triangle_soup import joined, round_cone_surface
 from hhsim.render.viewpoint import PieceForce
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions
@@ -53,7 +38,7 @@ from tools.shapes.generators import cube, sphere
 def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float]) -> None:
     a, b = np.zeros(3), np.array(end)
     tip = 0.01 if not b.any() else tip
-    surface = cone(a, b, 0.01, tip, SKIN)
+    surface = round_cone_surface(a, b, 0.01, tip, soup.SKIN)
     for away in (0.0, 0.001):
         distance = to_cone(surface.points + away * surface.normals, a, b, 0.01, tip)
         np.testing.assert_allclose(distance, away, rtol=0.0, atol=1e-15)
@@ -62,7 +47,7 @@ def test_surface_is_the_round_cones(tip: float, end: tuple[float, float, float])
 @pytest.mark.parametrize("length", [0.05, 0.004])
 def test_an_arrow_reaches_from_its_start_to_its_tip(length: float) -> None:
     start, direction = np.array([0.01, 0.02, 0.03]), np.array([0.6, 0.0, 0.8])
-    surface = arrow_surface(start, length * direction, 0.001, SKIN)
+    surface = soup.arrow_surface(start, length * direction, 0.001, soup.SKIN)
     along = (surface.points - start) @ direction
     assert along.max() == pytest.approx(length, abs=3e-4)
     assert -0.002 < along.min() <= 0.0
@@ -81,24 +66,23 @@ def area(mesh: Mesh) -> float:
 
 def test_a_door_without_a_corner_near_is_cut_to_the_box() -> None:
     low, high = np.array([-0.2, -0.3, -0.1]), np.array([0.1, 0.3, 0.5])
-    part = clipped(shape(trimesh.creation.box((0.9, 0.04, 2.0))), low, high)
-    assert part is not None
+    part = soup.clipped(shape(trimesh.creation.box((0.9, 0.04, 2.0))), low, high)
     np.testing.assert_allclose(part.bounds, [(-0.2, -0.02, -0.1), (0.1, 0.02, 0.5)], atol=1e-12)
     # Of the six sides only the front and the back go through the box.
     assert area(part) == pytest.approx(2 * 0.3 * 0.6)
-    assert clipped(part, high + 1.0, high + 2.0) is None
+    assert soup.clipped(part, high + 1.0, high + 2.0) is None
 
 
 def test_a_large_object_is_cut_near_the_hands_and_a_small_one_is_whole() -> None:
     hands = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
     size = np.linalg.norm(hands[1] - hands[0])
     door = shape(trimesh.creation.box((0.9, 0.04, 2.0)))
-    height = near_hands(door, hands).bounds[:, 2]
-    np.testing.assert_allclose(height, (-NEAR * size, 0.1 + NEAR * size), atol=1e-12)
-    ball = shape(trimesh.creation.icosphere(1, FAR * size - 1e-3))
-    assert near_hands(ball, hands) is ball
+    height = soup.near_hands(door, hands).bounds[:, 2]
+    np.testing.assert_allclose(height, (-soup.NEAR * size, 0.1 + soup.NEAR * size), atol=1e-12)
+    ball = shape(trimesh.creation.icosphere(1, soup.FAR * size - 1e-3))
+    assert soup.near_hands(ball, hands) is ball
     # A hand that is nowhere near it is shown with all of it.
-    assert near_hands(door, hands + 50.0) is door
+    assert soup.near_hands(door, hands + 50.0) is door
 
 
 TICKS = 40
@@ -116,7 +100,7 @@ def motion(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
 def test_the_pieces_are_where_the_kinematics_put_them(side: Literal["right", "left"]) -> None:
     hand = HandModel.default(side)
     position, orientation, flexion, abduction = motion()
-    poses = piece_poses(hand, position, orientation, flexion, abduction)
+    poses = soup.piece_poses(hand, position, orientation, flexion, abduction)
     placed = forward_kinematics(hand, position, orientation, flexion, abduction)
     np.testing.assert_allclose(poses.translation[:, :15].reshape(TICKS, 5, 3, 3), placed.joints[:, :, :3], atol=1e-14)
     np.testing.assert_array_equal(poses.translation[:, 15], position)
@@ -127,7 +111,7 @@ def test_the_pieces_are_where_the_kinematics_put_them(side: Literal["right", "le
     ends = placed.joints[:, :, 1:].reshape(TICKS, 15, 3)
     np.testing.assert_allclose(poses.translation[:, :15] + lengths * along[:, :15], ends, atol=1e-14)
     # Out of the back at zero angles is the model's own direction.
-    rest = piece_poses(hand, np.zeros((1, 3)), [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
+    rest = soup.piece_poses(hand, np.zeros((1, 3)), [[1.0, 0.0, 0.0, 0.0]], np.zeros((1, 5, 3)), np.zeros((1, 5)))
     back = Rotation.from_quat(rest.quaternion[0], scalar_first=True).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(back[:15], np.repeat(hand.dorsal, 3, axis=0), atol=1e-14)
 
@@ -136,9 +120,9 @@ def test_the_pieces_together_are_the_hand() -> None:
     hand = HandModel.default()
     position, orientation, *angles = (values[7] for values in motion(3))
     joints = hand.joints(position, orientation, *angles)
-    surfaces = piece_surfaces(hand)
-    assert (len(surfaces), PIECES[0], PIECES[15]) == (len(PIECES), "thumb/proximal", "palm")
-    whole = hand_surface(hand, (position, orientation, *angles), surfaces)
+    surfaces = soup.piece_surfaces(hand)
+    assert (len(surfaces), soup.PIECES[0], soup.PIECES[15]) == (len(soup.PIECES), "thumb/proximal", "palm")
+    whole = soup.hand_surface(hand, (position, orientation, *angles), surfaces)
     ends = np.cumsum([len(surface.points) for surface in surfaces])
     np.testing.assert_allclose(np.linalg.norm(whole.normals, axis=1), 1.0, atol=1e-12)
     for k, points in enumerate(np.split(whole.points, ends[:-1])[:15]):
@@ -164,12 +148,10 @@ def test_nearest_triangle_is_seen() -> None:
 
 @pytest.mark.parametrize("towards", [(1.0, 0.0, 0.0), (0.3, -2.0, 0.5), (-1.0, 1.0, -3.0)])
 def test_views_are_rotations_that_keep_up_upright(towards: tuple[float, float, float]) -> None:
-    rotation = look_from(towards)
+    rotation = soup.look_from(towards)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
-    np.testing.assert_allclose(
-        rotation @ np.array(towards), np.array((0.0, 0.0, float(np.linalg.norm(towards)))), atol=1e-15
-    )
+    np.testing.assert_allclose(rotation @ towards, [0.0, 0.0, np.linalg.norm(towards)], atol=1e-15)
     assert (rotation @ [0.0, 0.0, 1.0])[0] == pytest.approx(0.0, abs=1e-15)
     assert (rotation @ [0.0, 0.0, 1.0])[1] > 0.0
 
@@ -177,7 +159,7 @@ def test_views_are_rotations_that_keep_up_upright(towards: tuple[float, float, f
 @pytest.mark.parametrize("shape", [(60, 200), (200, 60)])
 def test_a_frame_holds_all_points(shape: tuple[int, int]) -> None:
     points = np.random.default_rng(0).normal(size=(100, 3)) + 5.0
-    camera = frame(points, look_from((1.0, 2.0, 0.5)), shape, margin=0.1)
+    camera = frame(points, soup.look_from((1.0, 2.0, 0.5)), shape, margin=0.1)
     seen = (points - camera.center) @ camera.rotation.T
     width = camera.height * shape[1] / shape[0]
     reach = np.abs(seen[:, :2]).max(axis=0) / (0.5 * camera.height, 0.5 * width)[::-1]
@@ -185,8 +167,8 @@ def test_a_frame_holds_all_points(shape: tuple[int, int]) -> None:
 
 
 def test_a_sphere_is_a_disc_of_its_size() -> None:
-    sphere = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, SKIN)
-    layer = shade(sphere, Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.04, (100, 120)))
+    sphere = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, soup.SKIN)
+    layer = shade(sphere, Camera(soup.look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.04, (100, 120)))
     assert layer.color.shape == (100 * OVERSAMPLING, 120 * OVERSAMPLING, 3)
     area = layer.seen().mean() * 0.04 * 0.048
     assert area == pytest.approx(np.pi * 0.01**2, rel=0.01)
@@ -210,9 +192,9 @@ def test_glass_lets_through_what_lies_behind() -> None:
 
 
 def test_touching_bodies_are_sorted_pixel_by_pixel() -> None:
-    left = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, SKIN)
-    right = round_cone_surface(np.array([0.0, 0.01, 0.0]), np.array([0.0, 0.01, 0.0]), 0.01, 0.01, SPHERE)
-    camera = Camera(look_from((1.0, 0.0, 0.0)), np.array([0.0, 0.005, 0.0]), 0.04, (80, 80))
+    left = round_cone_surface(np.zeros(3), np.zeros(3), 0.01, 0.01, soup.SKIN)
+    right = round_cone_surface(np.array([0.0, 0.01, 0.0]), np.array([0.0, 0.01, 0.0]), 0.01, 0.01, soup.SPHERE)
+    camera = Camera(soup.look_from((1.0, 0.0, 0.0)), np.array([0.0, 0.005, 0.0]), 0.04, (80, 80))
     one, other = shade(left, camera), shade(right, camera)
     both = blend([(one, 1.0), (other, 1.0)])
     # Which way the camera's right is along y decides the sides.
@@ -231,7 +213,7 @@ def test_a_picture_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 
 def test_a_frame_beyond_any_size_is_lit_without_a_blur() -> None:
     depth, normals = np.zeros((4, 6)), np.tile([0.0, 0.0, 1.0], (24, 1))
-    size = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 1e300, (4, 6))
+    size = Camera(soup.look_from((1.0, 0.0, 0.0)), np.zeros(3), 1e300, (4, 6))
     near = replace(size, height=0.04)
     assert np.isfinite(lit(depth, normals, 0.5 * np.ones((24, 3)), size).color).all()
     pictures = [lit(depth, normals, np.ones((24, 3)), camera).color for camera in (size, near)]
@@ -297,7 +279,7 @@ def test_frames_are_drawn_in_their_order(tmp_path: Path) -> None:
     np.testing.assert_array_equal(red[:, 0], red[:, 1])
 
 
-CAMERA = Camera(look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.12, (300, 300))
+CAMERA = Camera(soup.look_from((1.0, 0.0, 0.0)), np.zeros(3), 0.12, (300, 300))
 
 
 @pytest.mark.parametrize(
@@ -313,7 +295,8 @@ def test_a_force_behind_another_part_of_the_hand_is_hollow_and_has_its_fingers_n
     contact: tuple[float, float, float], is_hidden: bool
 ) -> None:
     fingers = [
-        round_cone_surface(np.array([x, 0.0, -0.04]), np.array([x, 0.0, 0.04]), 0.01, 0.01, SKIN) for x in (0.0, -0.05)
+        round_cone_surface(np.array([x, 0.0, -0.04]), np.array([x, 0.0, 0.04]), 0.01, 0.01, soup.SKIN)
+        for x in (0.0, -0.05)
     ]
     force = PieceForce("thumb/distal", np.array(contact), np.array([0.0, 1.0, 0.0]))
     (marked,) = with_hidden([force], shade(joined(fingers), CAMERA), CAMERA)

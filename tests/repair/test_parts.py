@@ -53,21 +53,11 @@ HINGE = np.array([0.0, 0.105, 0.007])
 DEPTH = 2e-6
 """Depth of the written hand [m] that rounding may leave."""
 OPTIONS = ReadOptions(hand="right", length_unit="m")
+RECORDED = {"file": "lid.csv", "column": "angle", "time": "t"}
+TURNS = joint("hinge", [-1.0, 0.0, 0.0], on="base", origin=HINGE.tolist(), limits=[0.0, 2.4], recording=RECORDED)
 LAPTOP = (
     body("base", [0.3, 0.21, 0.014], position=[0.0, 0.0, -0.007], fixed=True),
-    body(
-        "lid",
-        [0.3, 0.21, 0.006],
-        position=[0.0, 0.0, 0.01],
-        joint=joint(
-            "hinge",
-            [-1.0, 0.0, 0.0],
-            on="base",
-            origin=[0.0, 0.105, 0.007],
-            limits=[0.0, 2.4],
-            recording={"file": "lid.csv", "column": "angle", "time": "t"},
-        ),
-    ),
+    body("lid", [0.3, 0.21, 0.006], position=[0.0, 0.0, 0.01], joint=TURNS),
 )
 
 
@@ -82,7 +72,6 @@ def laptop() -> Scene:
 
 def time_and_angles() -> tuple[FloatArray, FloatArray]:
     parts = seen_scene(laptop()).parts
-    assert parts is not None
     return np.asarray(0.1 * np.arange(len(TICKS))), parts.values["lid"][TICKS]
 
 
@@ -141,9 +130,7 @@ def freed(tmp_path_factory: pytest.TempPathFactory) -> tuple[RepairRequest, Repa
 
 
 def joints_of(path: Path, side: Side = "right") -> FloatArray:
-    read = read_recording(path, ReadOptions(hand=side, usual_up="z")).joints
-    assert read is not None
-    return read
+    return read_recording(path, ReadOptions(hand=side, usual_up="z")).joints
 
 
 @pytest.mark.soak
@@ -166,7 +153,7 @@ def test_no_part_is_entered_in_any_frame(freed: tuple[RepairRequest, RepairOutco
     assert not moved[:3].any() and moved[-4:].all()
     # The result has the parts where they are.
     parts = result_parts(result)
-    assert parts is not None and (parts.name, parts.names) == ("laptop", ("base", "lid"))
+    assert (parts.name, parts.names) == ("laptop", ("base", "lid"))
     np.testing.assert_allclose(parts.values["lid"], angle, atol=1e-12)
     np.testing.assert_allclose(parts.world[:, 1, 3:], quaternion(angle[:, None] * [-1.0, 0.0, 0.0]), atol=1e-12)
     assert run("verify", str(request.beside(RESULT)), "--quiet").code == 0
@@ -198,13 +185,8 @@ def parts_of_two(frames: int = 4) -> MovingParts:
     """Two boxes: one that stands, and one that turns and rises."""
     share = np.linspace(0.0, 1.0, frames)
     still = np.tile([0.0, 0.0, -0.05, 1.0, 0.0, 0.0, 0.0], (frames, 1))
-    moved = np.concatenate(
-        [
-            np.stack([0.02 * share, 0.0 * share, 0.04 + 0.01 * share], axis=1),
-            quaternion(share[:, None] * [0.2, 0.1, 1.0]),
-        ],
-        axis=1,
-    )
+    place = np.stack([0.02 * share, 0.0 * share, 0.04 + 0.01 * share], axis=1)
+    moved = np.concatenate([place, quaternion(share[:, None] * [0.2, 0.1, 1.0])], axis=1)
     meshes = box_mesh((0.2, 0.2, 0.05), "low"), box_mesh((0.05, 0.08, 0.03), "high")
     trees = tuple(cached_sphere_tree(mesh, TreeOptions(level=1)) for mesh in meshes)
     return MovingParts("two", ("low", "high"), meshes, trees, np.stack([still, moved], axis=1), {})

@@ -17,7 +17,6 @@ from hhsim.hand.configuration import HandConfiguration, sequence
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.motion.trajectory import RigidMotion
-from hhsim.recordings.registry import Correction
 from hhsim.repair.projection import FrameProgram, HandJudge, Projection, farthest, steady_step
 from hhsim.repair.repair import correct
 from hhsim.repair.tracks import NO_HAND, choose_tracks, repair_frames
@@ -82,46 +81,32 @@ def test_tips_on_the_skin_are_drawn_in_by_their_radius() -> None:
     np.testing.assert_allclose(WrittenHand(skin, HAND, frames, tip_on_surface=True).axes, joints, atol=1e-15)
 
 
-class Corrected(NamedTuple):
-    """What `correct` returns, and the depth of the hands as written before and after [m]."""
-
-    correction: Correction
-    marked: BoolArray
-    depth_before: FloatArray
-    depth: FloatArray
-
-
 def depth(case: Case, written: WrittenHand, hands: HandConfiguration) -> FloatArray:
     return np.maximum(0.0, 0.0 - HandJudge(case.hand, case.surface).placed_clearance(written.placed(hands)))
-
-
-def corrected(case: Case, joints: FloatArray, tip_on_surface: bool = False, limit: float = 0.03) -> Corrected:
-    free = repair_frames(case.hand, case.surface, case.frames, limit)
-    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface)
-    found = correct(written, free, case.surface, max_correction=limit)
-    return Corrected(*found, *(depth(case, written, hands) for hands in (case.frames, found[0].posture)))
 
 
 @pytest.mark.parametrize("size", [0.0, pytest.param(1e-3, marks=pytest.mark.soak), 3e-3])
 def test_no_written_hand_penetrates(size: float) -> None:
     case = scene_case("cup", "handle", 66)
     joints = residual(keypoints(case.hand, case.frames), size)
-    found = corrected(case, joints)
-    changed = found.correction.changed
-    assert (found.depth_before > 0.004).any()
-    assert not found.depth.any()
-    assert not found.marked.any()
-    assert (changed | (found.depth_before == 0.0)).all()
-    assert mean_acceleration(found.correction.joints) <= 1.1 * mean_acceleration(joints)
+    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False)
+    free = repair_frames(case.hand, case.surface, case.frames, 0.03)
+    found, marked = correct(written, free, case.surface, max_correction=0.03)
+    changed, before = found.changed, depth(case, written, case.frames)
+    assert (before > 0.004).any()
+    assert not depth(case, written, found.posture).any()
+    assert not marked.any()
+    assert (changed | (before == 0.0)).all()
+    assert mean_acceleration(found.joints) <= 1.1 * mean_acceleration(joints)
     # Far from contact nothing is touched, not a bit of it.
     assert not changed[:5].any()
-    np.testing.assert_array_equal(found.correction.joints[~changed], joints[~changed])
-    np.testing.assert_array_equal(found.correction.rotation[~changed], np.tile(np.eye(3), ((~changed).sum(), 16, 1, 1)))
-    written = WrittenHand(joints, case.hand, case.frames, tip_on_surface=False).placed(found.correction.posture)
-    np.testing.assert_allclose(written.joints.reshape(-1, 20, 3), found.correction.joints[:, 1:], atol=1e-9)
-    assert case.referee_clearance_of(written.at(np.flatnonzero(changed)[::4])) >= 0.0
-    again = moved_joints(joints, case.frames.position, found.correction.posture.position, found.correction.rotation)
-    np.testing.assert_allclose(found.correction.joints, again, atol=1e-12)
+    np.testing.assert_array_equal(found.joints[~changed], joints[~changed])
+    np.testing.assert_array_equal(found.rotation[~changed], np.tile(np.eye(3), ((~changed).sum(), 16, 1, 1)))
+    placed = written.placed(found.posture)
+    np.testing.assert_allclose(placed.joints.reshape(-1, 20, 3), found.joints[:, 1:], atol=1e-9)
+    assert case.referee_clearance_of(placed.at(np.flatnonzero(changed)[::4])) >= 0.0
+    again = moved_joints(joints, case.frames.position, found.posture.position, found.rotation)
+    np.testing.assert_allclose(found.joints, again, atol=1e-12)
     bones = [np.linalg.norm(np.diff(j[:, 1:].reshape(-1, 5, 4, 3), axis=2), axis=-1) for j in (joints, again)]
     np.testing.assert_allclose(bones[0], bones[1], atol=1e-12)
 
@@ -232,14 +217,12 @@ def test_the_steps_are_those_of_quadprog(slacks: int, steadiness: float, monkeyp
     random = np.random.default_rng(slacks)
     own, change = programs(random, slacks), random.normal(size=(TOTAL, NUMBERS))
     step = steady_step(own, change, FRAMES, steadiness)
-    assert step is not None
     np.testing.assert_allclose(step, by_quadprog(own, change, steadiness), atol=1e-6)
 
 
 def test_rows_that_contradict_each_other_give_way_by_the_same() -> None:
     program = FrameProgram(np.eye(NUMBERS), np.zeros(NUMBERS), np.eye(NUMBERS)[[0, 0]] * [[1.0], [-1.0]], np.ones(2))
     step = steady_step([program], np.zeros((1, NUMBERS)), [0], 1.0)
-    assert step is not None
     np.testing.assert_allclose(step, 0.0, atol=1e-5)
 
 

@@ -204,12 +204,8 @@ def test_balls_cover_all_points(seed: int, most: int) -> None:
 def test_the_hand_contains_its_skin(side: str, palm: Palm) -> None:
     sample = skin_sample("left" if side == "left" else "right")
     hand, fit = hand_with_skin(sample.hand, sample.skin, sample.fitted, palm)
-    assert (
-        outside_spheres(
-            hand.palm_mesh.vertices, hand.palm_mesh.faces, hand.palm_tree.leaf_center, hand.palm_tree.leaf_radius
-        ).max()
-        <= 1e-9
-    )
+    mesh, tree = hand.palm_mesh, hand.palm_tree
+    assert outside_spheres(mesh.vertices, mesh.faces, tree.leaf_center, tree.leaf_radius).max() <= 1e-9
     # The flesh's rings lie on round cones; between rings that straddle a joint these are a little larger.
     assert np.abs(hand.radius - FLESH).max() < 2e-5
     assert hand.palm_tree.leaf_count <= sample.hand.palm_tree.leaf_count
@@ -220,9 +216,8 @@ def test_the_hand_contains_its_skin(side: str, palm: Palm) -> None:
         assert fit.contained == 1.0 and fit.excess_max == 0.0
     elif palm == "thin":
         assert fit.excess_max > 0.0
-        assert np.ptp(hand.palm_mesh.vertices[:, 2]) == pytest.approx(
-            0.5 * np.ptp(sample.hand.palm_mesh.vertices[:, 2]), rel=1e-9
-        )
+        whole = np.ptp(sample.hand.palm_mesh.vertices[:, 2])
+        assert np.ptp(mesh.vertices[:, 2]) == pytest.approx(0.5 * whole, rel=1e-9)
     else:
         assert fit.excess_max == 0.0
 

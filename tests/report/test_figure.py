@@ -2,7 +2,7 @@
 
 import io
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace as changed
 from pathlib import Path
 
@@ -62,12 +62,6 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return leave_charts_undrawn(monkeypatch)
 
 
-@pytest.fixture
-def few_pixels(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Charts whose pixels nobody looks at."""
-    monkeypatch.setattr("hhsim.report.figure.DPI", 40)
-
-
 @pytest.fixture(scope="module")
 def alone(result: Result) -> dict[Chart, ReportFigure]:
     """The charts of the result by what draws them."""
@@ -114,10 +108,14 @@ def test_a_chart_is_the_same_bytes_whatever_the_users_style(
     assert (np.asarray(picture)[:, 0] == 255).all()
 
 
-@pytest.mark.usefixtures("few_pixels")
 @pytest.mark.parametrize("draw", CHARTS)
 @pytest.mark.quick("histogram_figure")
-def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(result: Result, draw: Chart, tmp_path: Path) -> None:
+def test_a_chart_of_little_nothing_or_undefined_values_is_drawn(
+    result: Result, draw: Chart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Charts whose pixels nobody looks at.
+    monkeypatch.setattr("hhsim.report.figure.DPI", 40)
+
     def undefine(values: NDArray[np.generic]) -> None:
         values[50:] = np.nan
 
@@ -231,10 +229,7 @@ def test_a_legend_of_long_names_keeps_off_the_title_and_within_the_figure(
     (figure,) = undrawn
     figure.draw_without_rendering()
     placed = [legend for axes in figure.axes if (legend := axes.get_legend())]
-    titles = [axes.title.get_window_extent() for axes in figure.axes] + [
-        axes._left_title.get_window_extent()  # type: ignore[attr-defined]
-        for axes in figure.axes
-    ]
+    titles = [text.get_window_extent() for axes in figure.axes for text in (axes.title, axes._left_title)]
     for legend in placed:
         box = legend.get_window_extent()
         assert box.y0 >= legend.axes.get_window_extent().y1
@@ -247,17 +242,6 @@ STIFF = slice(200, 500)
 """Ticks in which the fingers are told to resist."""
 TOLD = np.linspace(0.1, 0.5, 5)
 FAULT_TICK, LAST = 300, 699
-PICTURE = ReportFigure("hand", "the hand", "A hand.", "A hand.", b"", 1, 1)
-
-
-@pytest.fixture
-def drawn() -> Iterator[list[Figure]]:
-    """Figures of charts whose pixels are left out."""
-    with pytest.MonkeyPatch.context() as patch:
-        figures = leave_charts_undrawn(patch)
-        patch.setattr("hhsim.report.report.overview_picture", lambda *_: PICTURE)
-        patch.setattr("hhsim.report.report.overview_view", lambda _: None)
-        yield figures
 
 
 def recorded(path: Path, reason: str) -> Result:
@@ -304,13 +288,13 @@ def test_how_a_killed_session_ended_stands_in_red_before_everything_else(killed:
 
 
 def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(
-    killed: Result, whole: Result, drawn: list[Figure]
+    killed: Result, whole: Result, undrawn: list[Figure]
 ) -> None:
     for result, expected in ((killed, [(FAULT_TICK, "fault"), (LAST, "ended")]), (whole, [(FAULT_TICK, "fault")])):
         figure = series_figure({"session": result})
         assert "6 panels" in figure.alt
         assert "stiffness up to 0.50, fault at 0.300 s" in figure.alt
-        chart = drawn[-1]
+        chart = undrawn[-1]
         told = chart.axes[-1]
         curves = {str(line.get_label()): np.asarray(line.get_ydata()) for line in told.lines}
         for finger, name in enumerate(FINGERS):
@@ -323,14 +307,12 @@ def test_what_each_finger_was_told_is_drawn_with_marks_at_faults(
 
 
 def test_beside_a_replay_a_session_has_one_curve_of_the_stiffest_finger(
-    killed: Result, tmp_path: Path, drawn: list[Figure]
+    killed: Result, tmp_path: Path, undrawn: list[Figure]
 ) -> None:
     replayed = short_result(tmp_path / "short.h5")
     alone = series_figure({"A": replayed})
     assert "5 panels" in alone.alt and "stiffness" not in alone.alt
     series_figure({"A": replayed, "B": killed})
     # The others are where phases of the replay begin.
-    (curve,) = (line for line in drawn[-1].axes[-1].lines if len(np.asarray(line.get_ydata())) == killed.ticks)
-    np.testing.assert_allclose(
-        np.asarray(curve.get_ydata()), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6
-    )
+    (curve,) = (line for line in undrawn[-1].axes[-1].lines if len(line.get_ydata()) == killed.ticks)
+    np.testing.assert_allclose(curve.get_ydata(), killed["live/tick/command_stiffness"].max(axis=1), rtol=1e-6)

@@ -1,7 +1,6 @@
 """What is made of a result: a table, a data set of xarray, a motion."""
 
 import csv
-import os
 import sys
 from pathlib import Path
 
@@ -9,16 +8,13 @@ import h5py
 import numpy as np
 import pytest
 from file_faults import Fault, at, changed
-from live_rings import ended, make_setup, numbered_samples, pour, solved_ticks
+from live_rings import make_setup, numbered_samples, session_file, solved_ticks
 from short_grasp import short_grasp, short_result
 from sphere_scenes import bumpy_ball
 
 from hhsim.errors import InputError, OutputError, UnknownNameError
 from hhsim.hand.fingers import FINGERS
 from hhsim.hand.model import HandModel
-from hhsim.live.session.memory import SessionMemory
-from hhsim.live.session.recorder import Recorder
-from hhsim.motion.trajectory import Trajectory
 from hhsim.recordings.registry import read_recording
 from hhsim.replay.replay import replay_scene
 from hhsim.result.labelled import ALL, USUAL, export_ticks
@@ -110,12 +106,6 @@ def test_what_cannot_be_written_leaves_what_is_there(result: Result, tmp_path: P
 PLACE = (np.array([0.1, -0.2, 0.3]), np.array([0.8, 0.0, 0.6, 0.0]))
 
 
-def motion_in(path: Path) -> Trajectory:
-    motion = resolve_trajectory(path)
-    assert isinstance(motion, Trajectory)
-    return motion
-
-
 @pytest.fixture(scope="module")
 def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A replay beside an object that is neither at the world's origin nor upright."""
@@ -128,7 +118,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_replay_of_a_replay_is_the_same(replayed: Path, tmp_path: Path) -> None:
-    motion = motion_in(replayed)
+    motion = resolve_trajectory(replayed)
     again = make_scene(sphere(0.076, 3), bumpy_ball(200), HandModel.default(), motion, mode="hold")
     replay_scene(again, SolverOptions(), tmp_path / "again.h5")
     first, second = load_result(replayed), load_result(tmp_path / "again.h5")
@@ -140,22 +130,16 @@ def test_a_replay_of_a_replay_is_the_same(replayed: Path, tmp_path: Path) -> Non
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("session") / "session.h5"
-    setup = make_setup(path)
-    ticks = solved_ticks(setup)
+    ticks = solved_ticks(make_setup(path))
     ticks["haptic_position"][:, 0] += 1e-4 * np.arange(len(ticks))
-    memory = SessionMemory.create()
-    pour(memory.ticks, ticks)
     samples = numbered_samples(ticks)
     # Two that were read together, and one that came before the first tick.
     samples["time_ns"][51] = samples["time_ns"][52]
-    pour(memory.samples, samples)
-    ended(memory, os.getpid())
-    Recorder(setup, memory).run()
-    return path
+    return session_file(path, ticks, "duration", samples=samples).path
 
 
 def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
-    motion, result = motion_in(session), load_result(session)
+    motion, result = resolve_trajectory(session), load_result(session)
     used = [i for i in range(140) if i % 10 != 9 and i != 51]
     np.testing.assert_array_equal(motion.flexion, result["live/sample/flexion"][used])
     np.testing.assert_array_equal(motion.abduction, result["live/sample/abduction"][used])
@@ -169,7 +153,7 @@ def test_the_good_samples_of_a_session_are_its_motion(session: Path) -> None:
 
 
 def test_a_session_is_imported_as_its_motion(session: Path) -> None:
-    motion, recording = motion_in(session), read_recording(session)
+    motion, recording = resolve_trajectory(session), read_recording(session)
     for name in ("time", "position", "flexion"):
         np.testing.assert_array_equal(getattr(recording, name), getattr(motion, name))
     assert recording.form == "hhsim"
@@ -182,7 +166,7 @@ def test_a_result_that_was_cut_short_is_a_motion_as_far_as_it_goes(session: Path
         file.attrs["complete"] = 0
         file["hands/right/tick/haptic/position"].resize(100, axis=0)
         file["hands/right/live/sample/flexion"].resize(31, axis=0)
-    motion = motion_in(path)
+    motion = resolve_trajectory(path)
     assert motion.sample_count == 28
     assert motion.position[-1, 0] == load_result(path)["haptic/position"][99, 0]
 
@@ -208,7 +192,7 @@ def test_what_holds_no_motion_is_told_in_one_line(session: Path, tmp_path: Path,
     with changed(path) as file:
         spoil(file)
     with pytest.raises(InputError) as caught:
-        motion_in(path)
+        resolve_trajectory(path)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert says in message

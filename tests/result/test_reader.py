@@ -19,37 +19,28 @@ from numpy.typing import NDArray
 
 from hhsim.errors import InputError, OutputError
 from hhsim.motion.trajectory import TickPhase
+from hhsim.result import schema
 from hhsim.result.body import Body
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
-from hhsim.result.schema import (
-    BODY_STATIC,
-    EVENT_COLUMNS,
-    HAND_STATIC,
-    LIVE_EVENT,
-    LIVE_SAMPLE,
-    LIVE_TICK,
-    LIVE_TICK_COLUMNS,
-    SCHEMA_VERSION,
-    TICK_COLUMNS,
-    Column,
-    hand_columns,
-    hand_tables,
-    sample_columns,
-)
+from hhsim.result.schema import Column
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.system import environment as info
 from hhsim.system.checksummed_file import seal_holds
 
 Arrays = dict[str, NDArray[Any]]
 SCENE = {"object": "bunny", "trajectory": "grasp", "stiffness": [200.0, 2.0, 0.5], "seed": 0}
-EXTRA = {LIVE_TICK: LIVE_TICK_COLUMNS, LIVE_SAMPLE: sample_columns(3), LIVE_EVENT: EVENT_COLUMNS}
+EXTRA = {
+    schema.LIVE_TICK: schema.LIVE_TICK_COLUMNS,
+    schema.LIVE_SAMPLE: schema.sample_columns(3),
+    schema.LIVE_EVENT: schema.EVENT_COLUMNS,
+}
 PHASES = (TickPhase("approach", 0, 39), TickPhase("hold", 40, 99))
 
 
 def block(ticks: int, seed: int = 0) -> Arrays:
     generator = np.random.default_rng(seed)
     arrays = {}
-    for column in TICK_COLUMNS:
+    for column in schema.TICK_COLUMNS:
         values = generator.normal(size=(ticks, *column.shape)) * 1000.0
         arrays[column.name] = values.astype(column.dtype)
     return arrays
@@ -63,15 +54,15 @@ def static(columns: Sequence[Column]) -> Arrays:
 
 def opened(path: Path, *, live: bool = False, of_body: Arrays | None = None, **more: Any) -> ResultWriter:
     """The writer of a result of one hand and one body."""
-    hands = {"right": HandPart(SCENE, static(HAND_STATIC), EXTRA if live else {})}
-    bodies = {"bunny": Body("fixed", static(BODY_STATIC) | (of_body or {}))}
+    hands = {"right": HandPart(SCENE, static(schema.HAND_STATIC), EXTRA if live else {})}
+    bodies = {"bunny": Body("fixed", static(schema.BODY_STATIC) | (of_body or {}))}
     return ResultWriter(path, hands=hands, bodies=bodies, **more)
 
 
 def write(path: Path, blocks: list[Arrays], *, phases: tuple[TickPhase, ...] = PHASES) -> Path:
     with opened(path, phases=phases) as writer:
         for arrays in blocks:
-            writer.append(hand_tables("right", arrays))
+            writer.append(schema.hand_tables("right", arrays))
         return writer.finish({"right": {"tick p50": 41.5, "method": "coupled"}}, {"ticks": 100})
 
 
@@ -84,13 +75,13 @@ def test_what_is_written_is_read_back_exactly(tmp_path: Path) -> None:
     assert loaded.scene == SCENE
     assert loaded.phases == PHASES
     assert loaded.summary == {"tick p50": 41.5, "ticks": 100, "method": "coupled"}
-    for column in TICK_COLUMNS:
+    for column in schema.TICK_COLUMNS:
         expected = np.concatenate([arrays[column.name] for arrays in blocks])
         assert np.array_equal(loaded[column.name], expected, equal_nan=True), column.name
         assert loaded[column.name].dtype == np.dtype(column.dtype)
-    for name, array in static(HAND_STATIC).items():
+    for name, array in static(schema.HAND_STATIC).items():
         assert np.array_equal(loaded.static[f"hand/{name}"], array), name
-    for name, array in static(BODY_STATIC).items():
+    for name, array in static(schema.BODY_STATIC).items():
         assert np.array_equal(loaded.bodies["bunny"].static[name], array), name
     assert (loaded.name, list(loaded.hands), loaded.body.kind, loaded.other) == ("right", ["right"], "fixed", None)
 
@@ -114,10 +105,12 @@ def test_a_tick_takes_as_much_as_the_page_says(tmp_path: Path, repository: Path)
 def test_every_dataset_states_its_units_and_meaning(tmp_path: Path) -> None:
     path = write(tmp_path / "run.h5", [block(3)])
     with h5py.File(path, "r") as file:
-        datasets = sum(isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in hand_columns())
+        datasets = sum(
+            isinstance(file[f"hands/right/tick/{column.name}"], h5py.Dataset) for column in schema.hand_columns()
+        )
         attributes = set(file.attrs)
     assert bare_datasets(path) == []
-    assert datasets == len(hand_columns())
+    assert datasets == len(schema.hand_columns())
     assert attributes == {
         *("format", "schema_version", "hhsim_version", "git_revision", "git_dirty", "created_utc", "machine"),
         *("packages", "scene", "command", "complete"),
@@ -139,8 +132,8 @@ def extra(rows: dict[str, int], seed: int = 0) -> dict[str, Arrays]:
 def test_tables_of_unequal_length_are_damage_or_of_a_killed_run_and_trimmed_to_what_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with opened(path, live=True) as writer:
-        rows = extra({LIVE_TICK: 50, LIVE_SAMPLE: 30, LIVE_EVENT: 2})
-        writer.append({**hand_tables("right", block(50)), **rows})
+        rows = extra({schema.LIVE_TICK: 50, schema.LIVE_SAMPLE: 30, schema.LIVE_EVENT: 2})
+        writer.append({**schema.hand_tables("right", block(50)), **rows})
     with changed(path) as file:
         file["tick/time"].resize(44, axis=0)
         file["hands/right/live/tick/missed"].resize(41, axis=0)
@@ -172,11 +165,7 @@ def test_two_runs_give_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_phases_are_found_by_their_names(tmp_path: Path) -> None:
-    with opened(tmp_path / "run.h5", phases=PHASES) as writer:
-        writer.append(hand_tables("right", block(100)))
-        writer.finish({})
-    loaded = load_result(tmp_path / "run.h5")
-    assert loaded.phases == PHASES
+    loaded = load_result(write(tmp_path / "run.h5", [block(100)]))
     assert loaded.phase("hold") == slice(40, 100) and loaded.label == str(loaded.path)
     with h5py.File(loaded.path) as file:
         assert file["phase/last_tick"].attrs["long_name"] == "last tick of each phase, from 0"
@@ -187,7 +176,7 @@ def test_phases_are_found_by_their_names(tmp_path: Path) -> None:
 def stop(path: Path, ticks: int) -> KeyboardInterrupt:
     """Begin a result that an interrupt ends."""
     with pytest.raises(KeyboardInterrupt) as caught, opened(path, phases=PHASES) as writer:
-        writer.append(hand_tables("right", block(ticks)))
+        writer.append(schema.hand_tables("right", block(ticks)))
         raise KeyboardInterrupt
     return caught.value
 
@@ -202,7 +191,7 @@ def test_an_exception_keeps_the_ticks_and_says_where(tmp_path: Path) -> None:
     assert loaded.phase("approach") == slice(0, 30)
 
 
-@pytest.mark.parametrize("written", [0, 5, len(TICK_COLUMNS) - 1])
+@pytest.mark.parametrize("written", [0, 5, len(schema.TICK_COLUMNS) - 1])
 def test_an_interrupt_within_a_block_leaves_whole_ticks_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int
 ) -> None:
@@ -213,18 +202,18 @@ def test_an_interrupt_within_a_block_leaves_whole_ticks_only(
     def interrupted(dataset: h5py.Dataset, where: Any, values: Any) -> None:
         nonlocal count
         count += 1
-        if count > len(TICK_COLUMNS) + written:
+        if count > len(schema.TICK_COLUMNS) + written:
             raise KeyboardInterrupt
         original(dataset, where, values)
 
     with pytest.raises(KeyboardInterrupt), opened(path) as writer:
         monkeypatch.setattr(h5py.Dataset, "__setitem__", interrupted)
-        writer.append(hand_tables("right", block(30)))
-        writer.append(hand_tables("right", block(20)))
+        writer.append(schema.hand_tables("right", block(30)))
+        writer.append(schema.hand_tables("right", block(20)))
     monkeypatch.undo()
     assert load_result(path).ticks == 30
     with h5py.File(path, "r") as file:
-        assert {len(file["hands/right/tick"][column.name]) for column in hand_columns()} == {30}
+        assert {len(file["hands/right/tick"][column.name]) for column in schema.hand_columns()} == {30}
 
 
 def test_an_older_result_stands_until_the_new_one_is_complete(tmp_path: Path) -> None:
@@ -264,22 +253,22 @@ def test_an_exception_before_the_first_tick_leaves_nothing(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-def run_limited(script: str, path: Path, limit: int) -> subprocess.CompletedProcess[str]:
-    """Run a script in a process whose files may not grow beyond `limit` bytes: a full disk that needs no root."""
+def command(script: str, path: Path) -> list[str]:
+    """The words that run a script of these tests' names."""
     prelude = f"""
-        import resource, signal, sys
+        import resource, sys
         from pathlib import Path
         sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
         from test_reader import PHASES, block, opened
         from hhsim.result.schema import hand_tables
         path = Path({str(path)!r})
-        resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
     """
-    source = textwrap.dedent(prelude) + textwrap.dedent(script)
-    return subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    return [sys.executable, "-c", textwrap.dedent(prelude) + textwrap.dedent(script)]
 
 
+# Files may not grow beyond so many bytes: a full disk that needs no root.
 WRITE_MANY = """
+    resource.setrlimit(resource.RLIMIT_FSIZE, (6_000_000, 6_000_000))
     from hhsim.errors import OutputError
     try:
         with opened(path, phases=PHASES) as writer:
@@ -289,11 +278,18 @@ WRITE_MANY = """
     except OutputError as error:
         print(error, *getattr(error, "__notes__", ()), sep="\\n")
 """
+WRITE_ON = """
+    with opened(path) as writer:
+        arrays = hand_tables("right", block(128))
+        while True:
+            writer.append(arrays)
+            print(writer.ticks, flush=True)
+"""
 
 
 def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    run = run_limited(WRITE_MANY, path, 6_000_000)
+    run = subprocess.run(command(WRITE_MANY, path), capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
     message, note = run.stdout.splitlines()
@@ -308,20 +304,7 @@ def test_a_full_disk_keeps_the_ticks_before_it(tmp_path: Path) -> None:
 
 def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
-    script = f"""
-        import sys
-        from pathlib import Path
-        sys.path[:0] = {[str(Path(__file__).parents[i]) for i in range(2)]!r}
-        from test_reader import block, opened
-        from hhsim.result.schema import hand_tables
-        with opened(Path({str(path)!r})) as writer:
-            arrays = hand_tables("right", block(128))
-            while True:
-                writer.append(arrays)
-                print(writer.ticks, flush=True)
-    """
-    process = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
+    process = subprocess.Popen(command(WRITE_ON, path), stdout=subprocess.PIPE, text=True)
     for line in process.stdout:
         if int(line) >= 640:
             break
@@ -337,7 +320,7 @@ def test_a_killed_run_leaves_a_readable_file(tmp_path: Path) -> None:
 def test_a_file_that_is_being_written_is_told_apart_from_a_broken_one(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     with opened(path) as writer:
-        writer.append(hand_tables("right", block(2)))
+        writer.append(schema.hand_tables("right", block(2)))
         reader = "import sys; from hhsim.result.reader import load_result as load; load(sys.argv[1])"
         run = subprocess.run([sys.executable, "-c", reader, str(path)], capture_output=True, text=True)
         writer.finish({})
@@ -362,22 +345,20 @@ def other(name: str, values: Any) -> Callable[[Path], object]:
     return forged(put)
 
 
-def schema(version: object) -> Callable[[Path], object]:
+def of_schema(version: object) -> Callable[[Path], object]:
     return forged(lambda file: file.attrs.update(schema_version=version))
-
-
-def folder_in_its_place(path: Path) -> None:
-    path.unlink()
-    path.mkdir()
 
 
 SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "text": (lambda path: path.write_text("time,x,y,z\n"), "is no HDF5 file"),
     "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "a damaged HDF5 file: cut short"),
     "empty": (lambda path: os.truncate(path, 0), "is no HDF5 file"),
-    "newer": (schema(SCHEMA_VERSION + 1), r"newer hhsim \(schema 8"),
+    "newer": (of_schema(schema.SCHEMA_VERSION + 1), r"newer hhsim \(schema 8"),
     **{
-        f"schema {version}": (schema(version), rf"run\.h5 is a result of schema {version}; .* {SCHEMA_VERSION} alone")
+        f"schema {version}": (
+            of_schema(version),
+            rf"run\.h5 is a result of schema {version}; .* {schema.SCHEMA_VERSION} alone",
+        )
         for version in (1, 6, "three")
     },
     "no schema": (forged(lambda file: file.attrs.__delitem__("schema_version")), "is a result of schema None"),
@@ -394,7 +375,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "no scene": (forged(lambda file: file.attrs.__delitem__("scene")), "is damaged or no result file"),
     "endless": (forged(attribute("", "/", "scene", lambda _: '{"seed": 1' + "0" * 5000 + "}")), "JSON object"),
     "gone": (lambda path: path.unlink(), "no such file; expected a result"),
-    "folder": (folder_in_its_place, "is a folder"),
+    "folder": (lambda path: (path.unlink(), path.mkdir()), "is a folder"),
     **{
         name: (forged(attribute(name, "/", name, lambda _: "null")), "JSON object")
         for name in ("machine", "packages", "scene", "repeated", "score")
@@ -431,10 +412,10 @@ def test_the_keys_are_the_datasets_and_others_are_told_with_the_near_names(tmp_p
         result["force/totl"]
     with pytest.raises(InputError, match=r"run\.h5: unknown dataset 'force'"):
         result["force"]
-    assert set(result.keys()) == {column.name for column in TICK_COLUMNS}
+    assert set(result.keys()) == {column.name for column in schema.TICK_COLUMNS}
     assert "force/total" in result and "force" not in result
     assert {name: array.shape for name, array in dict(result).items()} == {
-        column.name: (100, *column.shape) for column in TICK_COLUMNS
+        column.name: (100, *column.shape) for column in schema.TICK_COLUMNS
     }
 
 

@@ -18,27 +18,19 @@ from hhsim.kernels.tick import state, step
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.live.device import GLOVE_SAMPLE
 from hhsim.live.session.memory import EVENT, LIVE_TICK
+from hhsim.result import schema
 from hhsim.result.body import contact_names, pair_codes
 from hhsim.result.miss_cause import MissCause, TimeTaken
 from hhsim.result.safety import Safety, free_counts
-from hhsim.result.schema import (
-    EVENT_COLUMNS,
-    LIVE_TICK_COLUMNS,
-    PARTS,
-    TICK_COLUMNS,
-    TICK_FIELDS,
-    Column,
-    bodies_row,
-    sample_columns,
-)
+from hhsim.result.schema import Column
 from hhsim.result.wording import motion_name, object_name
 from hhsim.solver.workspace import tick_record
 
 
 def test_the_solvers_record_is_that_of_the_table() -> None:
-    first = TICK_FIELDS.index("status")
+    first = schema.TICK_FIELDS.index("status")
     haptic = tuple(f"haptic_{name}" for name in HandConfiguration._fields)
-    assert TICK_FIELDS[first:-2] == (TickRecord._fields[0], *haptic, *TickRecord._fields[1:])
+    assert schema.TICK_FIELDS[first:-2] == (TickRecord._fields[0], *haptic, *TickRecord._fields[1:])
     for name, values in tick_record(3)._asdict().items():
         assert (values.dtype, values.shape) == (LIVE_TICK[name].base, (3, *LIVE_TICK[name].shape)), name
 
@@ -48,7 +40,7 @@ def test_the_solvers_record_is_that_of_the_table() -> None:
     [("duration", step, "DURATION_"), ("work", state, "WORK_"), ("work", surface, "COUNT_")],
 )
 def test_parts_of_a_field_lie_where_the_kernels_put_them(field: str, places: object, prefix: str) -> None:
-    parts = PARTS[field]
+    parts = schema.PARTS[field]
     names = [name for name in vars(places) if name.startswith(prefix) and name != "WORK_COUNTERS"]
     assert len(names) >= 3
     assert {name.removeprefix(prefix).lower(): vars(places)[name] for name in names} == {
@@ -60,10 +52,10 @@ def test_parts_of_a_field_lie_where_the_kernels_put_them(field: str, places: obj
 @pytest.mark.parametrize(
     ("columns", "record"),
     [
-        (TICK_COLUMNS, LIVE_TICK),
-        (LIVE_TICK_COLUMNS, LIVE_TICK),
-        (sample_columns(3), GLOVE_SAMPLE),
-        (EVENT_COLUMNS, EVENT),
+        (schema.TICK_COLUMNS, LIVE_TICK),
+        (schema.LIVE_TICK_COLUMNS, LIVE_TICK),
+        (schema.sample_columns(3), GLOVE_SAMPLE),
+        (schema.EVENT_COLUMNS, EVENT),
     ],
     ids=["tick", "live/tick", "live/sample", "live/event"],
 )
@@ -112,11 +104,11 @@ def test_the_documentation_has_a_line_for_each_column_of_a_session(repository: P
     section = page.text[heading : page.text.index("Ticks before the first input", heading)]
     named = [name for line in section.splitlines() if line.startswith("| ") for name in line.split("|")[1].split(",")]
     documented = [name.strip().removesuffix(" [ns]") for name in named if name.strip() != "dataset"]
-    assert documented == [column.name for column in LIVE_TICK_COLUMNS]
+    assert documented == [column.name for column in schema.LIVE_TICK_COLUMNS]
 
 
 def test_a_tick_of_bodies_has_rows_of_contacts_only_where_there_is_a_body() -> None:
-    none, two = bodies_row(0), bodies_row(2)
+    none, two = schema.bodies_row(0), schema.bodies_row(2)
     assert none.names == two.names
     for name in ("body", "point", "slip", "contact_body", "other_point"):
         assert none[name].shape[0] == 0 and two[name].shape[0] == 64
@@ -141,26 +133,25 @@ MS = 1_000_000
 
 
 @pytest.mark.parametrize(
-    ("computed", "kept", "run_delay", "steal", "device", "cause"),
+    ("taken", "cause"),
     [
-        (5 * MS, 0, 0, 0, 0, MissCause.COMPUTED),
-        (5 * MS, MS, 0, 10 * MS, 0, MissCause.COMPUTED),
-        (MS // 2, 4 * MS, 4 * MS, 0, 0, MissCause.WOKEN_LATE),
-        (MS // 2, 4 * MS, 4 * MS, 10 * MS, 0, MissCause.WOKEN_LATE),
-        (MS // 2, 4 * MS, 0, 0, 0, MissCause.WOKEN_LATE),
-        (MS // 2, 4 * MS, 0, 10 * MS, 0, MissCause.HOST),
-        (MS // 2, 4 * MS, MS, 10 * MS, 4 * MS, MissCause.HOST),
-        (MS // 2, 40 * MS, 0, 10 * MS, 40 * MS, MissCause.DEVICE),
-        (MS // 2, 4 * MS, 0, 0, 3 * MS, MissCause.DEVICE),
-        (MS // 2, 4 * MS, 3 * MS, 0, 4 * MS, MissCause.WOKEN_LATE),
+        # Computed, kept, run delay, steal, device.
+        ((5 * MS, 0, 0, 0, 0), MissCause.COMPUTED),
+        ((5 * MS, MS, 0, 10 * MS, 0), MissCause.COMPUTED),
+        ((MS // 2, 4 * MS, 4 * MS, 0, 0), MissCause.WOKEN_LATE),
+        ((MS // 2, 4 * MS, 4 * MS, 10 * MS, 0), MissCause.WOKEN_LATE),
+        ((MS // 2, 4 * MS, 0, 0, 0), MissCause.WOKEN_LATE),
+        ((MS // 2, 4 * MS, 0, 10 * MS, 0), MissCause.HOST),
+        ((MS // 2, 4 * MS, MS, 10 * MS, 4 * MS), MissCause.HOST),
+        ((MS // 2, 40 * MS, 0, 10 * MS, 40 * MS), MissCause.DEVICE),
+        ((MS // 2, 4 * MS, 0, 0, 3 * MS), MissCause.DEVICE),
+        ((MS // 2, 4 * MS, 3 * MS, 0, 4 * MS), MissCause.WOKEN_LATE),
         # A device call that computes is the loop's own time.
-        (5 * MS, 0, 0, 0, 5 * MS, MissCause.COMPUTED),
+        ((5 * MS, 0, 0, 0, 5 * MS), MissCause.COMPUTED),
     ],
 )
-def test_the_cause_is_what_took_most(
-    computed: int, kept: int, run_delay: int, steal: int, device: int, cause: MissCause
-) -> None:
-    assert cause_of(*TimeTaken(computed, kept, run_delay, steal, device)) == cause
+def test_the_cause_is_what_took_most(taken: tuple[int, ...], cause: MissCause) -> None:
+    assert cause_of(*TimeTaken(*taken)) == cause
 
 
 def test_every_reason_is_counted_and_the_other_hand_s_only_where_there_was_one() -> None:

@@ -121,9 +121,8 @@ def test_the_best_hand_is_off_itself_by_nothing_and_the_users_by_what_it_is_push
 
 
 def test_a_scene_comes_back_by_its_words_bit_for_bit(tmp_path: Path) -> None:
-    scene = worded_scene(
-        load_words(SceneWords(object="cylinder", trajectory="touch", level=2, place_object="recorded"))
-    )
+    words = SceneWords(object="cylinder", trajectory="touch", level=2, place_object="recorded")
+    scene = worded_scene(load_words(words))
     digest = write_scene_folder(scene, tmp_path / "s")
     again = scene_of(read_submission(tmp_path / "s" / "example-submission.csv"))
     assert scene_digest(again) == digest == scene_digest(scene)
@@ -160,27 +159,22 @@ def test_the_model_of_the_scene_has_the_object_where_it_is(scene: Scene, tmp_pat
     assert (body.attrib, seen.get("mesh"), mesh.get("name")) == ({"name": "object"}, "object", "object")
     assert {"pos", "quat", "euler", "scale", "refpos", "refquat"}.isdisjoint({*seen.attrib, *mesh.attrib})
     numbers = [[*map(float, f"{sphere.get('pos')} {sphere.get('size')}".split())] for sphere in spheres]
-    np.testing.assert_array_equal(
-        numbers, np.column_stack([scene.solids[0].placed_tree.leaf_center, scene.solids[0].placed_tree.leaf_radius])
-    )
+    tree = scene.solids[0].placed_tree
+    np.testing.assert_array_equal(numbers, np.column_stack([tree.leaf_center, tree.leaf_radius]))
     # Contact bits: of the object's spheres with the hand's geoms alone, of the mesh that is seen with nothing.
     hand = Xml.parse(folder / "hand.xml").find("default/geom")
-    assert hand is not None and (hand.get("contype"), hand.get("conaffinity")) == ("1", "0")
+    assert (hand.get("contype"), hand.get("conaffinity")) == ("1", "0")
     assert {(sphere.get("contype"), sphere.get("conaffinity")) for sphere in spheres} == {("0", "1")}
     assert (seen.get("contype"), seen.get("conaffinity")) == ("0", "0")
 
 
 def test_the_digest_is_of_mesh_hand_motion_and_rate_and_not_of_the_tree(scene: Scene) -> None:
-    finer = short_scene(short_grasp(hold=0.12), "cylinder", 3)
+    grasp = short_grasp(hold=0.12)
+    finer = short_scene(grasp, "cylinder", 3)
     other_tree = replace(scene.solids[0], tree=finer.solids[0].tree)
     assert scene_digest(replace(scene, bodies=(other_tree,))) == scene_digest(scene)
-    others = [
-        short_scene(short_grasp(hold=0.12), "cube"),
-        short_scene(short_grasp(hold=0.12), "cylinder", 2, "left"),
-        finer,
-        moved_hand(scene, 0, rate=500.0),
-    ]
-    assert len({scene_digest(one) for one in (scene, *others)}) == 5
+    others = short_scene(grasp, "cube"), short_scene(grasp, "cylinder", 2, "left"), moved_hand(scene, 0, rate=500.0)
+    assert len({scene_digest(one) for one in (scene, finer, *others)}) == 5
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -261,7 +255,6 @@ def replayed(scene: Scene, path: Path) -> Submission:
         about = {"made_by": example.made_by, "hand": hand.model.side, "left": shown, "bodies": bodies}
         palm = total - phalanx.sum(axis=(1, 2))
         shown = Submission("own", example.scene, scene.ticks.time, poses, phalanx, palm, **about)
-    assert shown is not None
     return shown
 
 
@@ -289,13 +282,10 @@ def test_the_place_of_a_free_body_is_measured_and_doubted(kind: str, tmp_path: P
         np.testing.assert_allclose(second, first, rtol=0.0, atol=1e-9)
     assert not found.suspicions and found.bodies[BODY_DEPTH] < 1e-6
     ((name, poses),) = own.bodies.items()
-    sunk = ObjectMotion(
-        poses.position - np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 5e-2], len(own.time)), poses.orientation
-    )
+    way = np.linspace([0.0, 0.0, 0.0], [0.0, 0.0, 5e-2], len(own.time))
+    sunk = ObjectMotion(poses.position - way, poses.orientation)
     low = score(replace(own, bodies={name: sunk}), scene, tmp_path / "low.h5")
     assert low.bodies[BODY_DEPTH] > 1e-3
     far = ObjectMotion(1e3 * poses.position + [1.0, 0.0, 0.0], poses.orientation)
-    assert any(
-        "object begins 1e+03 mm" in text
-        for text in score(replace(own, bodies={name: far}), scene, tmp_path / "far.h5").suspicions
-    )
+    doubts = score(replace(own, bodies={name: far}), scene, tmp_path / "far.h5").suspicions
+    assert any("object begins 1e+03 mm" in text for text in doubts)

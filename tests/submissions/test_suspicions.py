@@ -123,8 +123,6 @@ POSES: dict[str, tuple[Damage, str]] = {
     "time in ms": (scaled("time", 1e3), "tick 1 is at 4 s"),
     "time begins later": (put("time", lambda t: t + 0.02), "tick 0 is at 0.02 s"),
 }
-
-
 SAID: dict[str, tuple[dict[str, Any], str]] = {
     "another scene": (
         {"scene": "ab" * 32, "made_by": {"object": "teapot", "trajectory": "touch"}},

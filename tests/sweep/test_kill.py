@@ -27,7 +27,6 @@ def cluster() -> Iterator[str]:
     """A scheduler and two workers, started apart."""
     pytest.importorskip("distributed")
     dask = shutil.which("dask", path=Path(sys.executable).parent)
-    assert dask is not None
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"

@@ -16,20 +16,10 @@ from hypothesis import strategies as st
 from hhsim.errors import InputError, OutputError
 from hhsim.recordings.registry import ReadOptions
 from hhsim.repair.request import PICTURE, RepairOutcome, RepairRequest
-from hhsim.sweep import engines
+from hhsim.sweep import engines, repair_batch
 from hhsim.sweep.engines import TaskFolder
 from hhsim.sweep.input_files import CHANGED
-from hhsim.sweep.repair_batch import (
-    FORMAT,
-    MARK,
-    RepairedRow,
-    RowOutcome,
-    RowTask,
-    State,
-    brief_table,
-    repair_table,
-    run_manifest,
-)
+from hhsim.sweep.repair_batch import RepairedRow, RowOutcome, brief_table, repair_table, run_manifest
 from hhsim.sweep.repair_manifest import PlannedRepair, load_manifest
 
 LIMIT = "time_limit = 1.0\n"
@@ -126,7 +116,7 @@ def test_a_row_whose_file_is_replaced_keeps_nothing_and_is_run_anew(tmp_path: Pa
 
 
 def test_an_interrupted_run_says_what_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(tasks: Sequence[RowTask], *_: object) -> Iterator[engines.TaskEnd]:
+    def interrupted(tasks: Sequence[repair_batch.RowTask], *_: object) -> Iterator[engines.TaskEnd]:
         yield tasks[0].run()
         raise KeyboardInterrupt
 
@@ -185,7 +175,7 @@ def test_a_folder_of_others_and_one_that_is_worked_in_are_left_alone(tmp_path: P
         run(path, tmp_path)
     run(path, tmp_path / "out")
     with (
-        TaskFolder(tmp_path / "out", "repair", MARK, FORMAT).locked(),
+        TaskFolder(tmp_path / "out", "repair", repair_batch.MARK, repair_batch.FORMAT).locked(),
         pytest.raises(OutputError, match="another repair works in"),
     ):
         run(path, tmp_path / "out")
@@ -200,7 +190,7 @@ def test_each_row_has_pictures_unless_none_are_asked_for(tmp_path: Path) -> None
         assert ran(out) == ["r0", "r1", "r2"]
 
 
-def row(folder: Path, name: str, depth: float | None, state: State = "repaired", **more: float) -> RepairedRow:
+def row(folder: Path, name: str, depth: float | None, state: str = "repaired", **more: float) -> RepairedRow:
     """A row with a depth [m], in a folder of its own."""
     request = RepairRequest(folder / f"{name}.npz", "cube", folder / name / f"{name}.npz")
     figures: dict[str, float | None] = (

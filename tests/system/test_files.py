@@ -155,7 +155,6 @@ def test_a_file_that_is_being_written_says_so(tmp_path: Path) -> None:
     writes = "import h5py, sys; file = h5py.File(sys.argv[1], 'w'); file.flush(); print(flush=True); input()"
     command = [sys.executable, "-c", writes, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
-        assert writer.stdout is not None
         writer.stdout.readline()
         with pytest.raises(BlockingIOError) as caught:
             open_hdf5(path)

@@ -22,15 +22,8 @@ from hhsim.system.settings_file import (
 
 FINGERS = ("thumb", "index")
 READERS = (
-    *(
-        "bench.plan",
-        "bench.paper.table",
-        "gate.suite",
-        "gate.gate",
-        "hand.model",
-        "recordings.column_map",
-        "recordings.dexmo_regression",
-    ),
+    *("bench.plan", "bench.paper.table", "gate.suite", "gate.gate", "hand.model"),
+    *("recordings.column_map", "recordings.dexmo_regression"),
     *("scene.contact_goals", "scene.described_scene", "scene.body", "scene.script"),
     *("sweep.plan", "sweep.repair_batch", "sweep.repair_manifest"),
 )
@@ -153,7 +146,7 @@ def test_the_fields_of_a_dataclass_are_checked_by_their_types() -> None:
     with pytest.raises(TrajectoryError, match=r"^share = 2.0; expected a number from 0 to 1"):
         check_fields(Limits(2.0), TrajectoryError)
     with pytest.raises(InputError, match=r"^places\[2\] = 'x'; expected a number"):
-        check_fields(Limits(places=(1.0, "x")))  # type: ignore[arg-type]
+        check_fields(Limits(places=(1.0, "x")))
 
 
 def test_a_check_that_fails_without_a_file_is_bad_input_too() -> None:

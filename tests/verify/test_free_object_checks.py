@@ -42,7 +42,6 @@ pytestmark = pytest.mark.slow
 
 TICK = 200
 BOTH = "bodies/hexagonal-prism/tick", "hands/right/tick/graphic"
-"""The referee's claims of files, free objects and hands out of themselves: honest ones hold, planted faults do not."""
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +111,6 @@ def test_a_contact_of_no_body_or_out_of_order_is_damage(
 
 
 TURN = 0.017
-"""The referee's claims of files, free objects and hands out of themselves: honest ones hold, planted faults do not."""
 
 
 def test_what_turns_together_stands_off_by_straight_steps(honest: Result, tmp_path: Path) -> None:
@@ -141,7 +139,6 @@ def test_what_turns_together_stands_off_by_straight_steps(honest: Result, tmp_pa
 
 LAST = 119
 AWAY = np.array([0.0, 0.5, 0.0])
-"""The referee's claims of files, free objects and hands out of themselves: honest ones hold, planted faults do not."""
 
 
 def pinch() -> Trajectory:
@@ -273,7 +270,6 @@ def test_a_finger_that_is_held_though_a_reason_frees_it_is_a_false_claim(tmp_pat
 
 
 HOLD = 180
-"""The referee's claims of files, free objects and hands out of themselves: honest ones hold, planted faults do not."""
 
 
 @pytest.mark.parametrize(

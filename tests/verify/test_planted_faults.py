@@ -20,7 +20,7 @@ from hhsim.errors import InputError
 from hhsim.result.reader import load_result
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.second_run import OF_A_MACHINE, OF_NO_RUN, is_measured
-from hhsim.verify.verify import Verification, physics, verify
+from hhsim.verify.verify import physics, verify
 
 pytestmark = pytest.mark.slow
 
@@ -46,13 +46,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     return result
 
 
-def verified(path: Path) -> Verification:
-    return verify(load_result(path), every=LATE)
-
-
 @pytest.mark.parametrize("kind", sampled([*WORDS, *PROGRAMS], lambda _, kind: kind in ("one hand", "two")))
 def test_an_honest_result_passes(made: Callable[[str], Path], kind: str) -> None:
-    found = verified(made(kind))
+    found = verify(load_result(made(kind)), every=LATE)
     assert not failing(found)
     again = next(claim for claim in found.claims if claim.name == AGAIN)
     assert again.verdict == "holds" and again.checked > 250

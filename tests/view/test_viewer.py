@@ -321,7 +321,6 @@ def skinned(result: Result, tmp_path: Path) -> Result:
 
 def test_a_skin_is_read_back_and_all_else_stays(result: Result, skinned: Result) -> None:
     assert result.skin_faces is None and skinned.complete
-    assert skinned.skin_faces is not None
     np.testing.assert_array_equal(skinned.skin_faces, BALL.faces)
     expected = skin_of(result).astype(np.float32)
     np.testing.assert_array_equal(skinned.skin(slice(None)), expected)
@@ -365,7 +364,7 @@ def test_what_cannot_be_stored_is_told(result: Result, skinned: Result, tmp_path
         add_skin(tmp_path / "none.h5", skin_of(result), BALL.faces)
     add_skin(skinned.path, 2.0 * skin_of(result), BALL.faces[:9])
     again = load_result(skinned.path)
-    assert again.skin_faces is not None and len(again.skin_faces) == 9
+    assert len(again.skin_faces) == 9
     np.testing.assert_array_equal(again.skin(slice(None)), (2.0 * skin_of(result)).astype(np.float32))
 
 
@@ -391,28 +390,23 @@ SMALL = 160
 """Width of a small film [pixels]."""
 
 
-@pytest.fixture(scope="module")
-def filmed(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    return short_result(tmp_path_factory.mktemp("replay") / "short.h5")
-
-
 @pytest.mark.parametrize("slow", [1.0, 2.0, 0.5, 7.3])
-def test_a_frame_shows_the_newest_tick_at_its_time(filmed: Result, slow: float) -> None:
-    ticks = video_ticks(filmed, slow)
+def test_a_frame_shows_the_newest_tick_at_its_time(result: Result, slow: float) -> None:
+    ticks = video_ticks(result, slow)
     times = np.arange(len(ticks) - 1) / (FPS * slow)
-    expected = [max(t for t in range(filmed.ticks) if t / filmed.rate <= time + 1e-12) for time in times]
+    expected = [max(t for t in range(result.ticks) if t / result.rate <= time + 1e-12) for time in times]
     assert ticks[:-1].tolist() == expected
-    assert ticks[-1] == filmed.ticks - 1
+    assert ticks[-1] == result.ticks - 1
     assert (np.diff(ticks) >= 0).all()
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".webp"])
 @pytest.mark.quick(".gif")
-def test_an_animation_has_its_frames_and_its_speed(suffix: str, filmed: Result, tmp_path: Path) -> None:
+def test_an_animation_has_its_frames_and_its_speed(suffix: str, result: Result, tmp_path: Path) -> None:
     path = tmp_path / f"film{suffix}"
     seen: list[tuple[int, int]] = []
-    frames = write_video(filmed, path, 2.0, SMALL, lambda what, done, count: seen.append((done, count)))
-    assert frames == len(video_ticks(filmed, 2.0))
+    frames = write_video(result, path, 2.0, SMALL, lambda what, done, count: seen.append((done, count)))
+    assert frames == len(video_ticks(result, 2.0))
     assert seen == [(number, frames) for number in range(frames)]
     with Image.open(path) as shown:
         assert (getattr(shown, "n_frames"), shown.size) == (frames, (160, 120))  # noqa: B009
@@ -426,8 +420,8 @@ def test_an_animation_has_its_frames_and_its_speed(suffix: str, filmed: Result, 
     assert sorted(path.name for path in tmp_path.iterdir()) == [path.name]
 
 
-def test_what_cannot_be_filmed_is_told_before_the_work(
-    filmed: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_cannot_be_result_is_told_before_the_work(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(OutputError, match="no folder"):
         check_video_path(tmp_path / "nowhere" / "film.gif")
@@ -436,7 +430,7 @@ def test_what_cannot_be_filmed_is_told_before_the_work(
         check_video_path(tmp_path / "film.mp4")
     monkeypatch.setattr(film, "MOST_FRAMES", 3)
     with pytest.raises(InputError, match="the most are 3"):
-        video_ticks(filmed, 1.0)
+        video_ticks(result, 1.0)
 
 
 @pytest.fixture
@@ -452,26 +446,25 @@ def fake_ffmpeg(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Mo
     yield folder
 
 
-def test_ffmpeg_gets_every_frame_whole(filmed: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
-    frames = write_video(filmed, tmp_path / "film.mp4", width=SMALL)
-    expected = b"".join(frame.tobytes() for frame in video_frames(filmed, video_ticks(filmed, 1.0), SMALL))
+def test_ffmpeg_gets_every_frame_whole(result: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
+    frames = write_video(result, tmp_path / "film.mp4", width=SMALL)
+    expected = b"".join(frame.tobytes() for frame in video_frames(result, video_ticks(result, 1.0), SMALL))
     assert (tmp_path / "film.mp4").read_bytes() == expected
     assert len(expected) == frames * 120 * 160 * 3
 
 
-def test_an_ffmpeg_that_fails_leaves_nothing(filmed: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
+def test_an_ffmpeg_that_fails_leaves_nothing(result: Result, tmp_path: Path, fake_ffmpeg: Path) -> None:
     (fake_ffmpeg / "fail").touch()
     (tmp_path / "film.mp4").write_bytes(b"older")
     with pytest.raises(OutputError, match=r"ffmpeg cannot write .*no codec"):
-        write_video(filmed, tmp_path / "film.mp4", width=SMALL)
+        write_video(result, tmp_path / "film.mp4", width=SMALL)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("film.mp4", b"older")]
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None, reason="no ffmpeg")
-def test_an_mp4_plays(filmed: Result, tmp_path: Path) -> None:
-    frames = write_video(filmed, tmp_path / "film.mp4", width=SMALL)
+def test_an_mp4_plays(result: Result, tmp_path: Path) -> None:
+    frames = write_video(result, tmp_path / "film.mp4", width=SMALL)
     command = ["ffprobe", "-v", "error", "-count_frames", "-show_entries", "stream=width,height,nb_read_frames"]
-    answer = subprocess.run(
-        [*command, "-of", "csv=p=0", tmp_path / "film.mp4"], capture_output=True, text=True, check=True
-    )
+    command += ["-of", "csv=p=0", tmp_path / "film.mp4"]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == f"160,120,{frames}"

@@ -9,7 +9,7 @@ import pytest
 from conftest import sampled
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from referee_clearance import referee_clearance
+from repair_scenes import referee_clearance
 from sphere_scenes import brute_pairs, record_clearance
 
 from hhsim.bench.figures import placed_of
@@ -61,7 +61,6 @@ def on_spheres(name: str, method: str = "coupled") -> list[Outcome]:
 def brute_force(outcome: Outcome, most_pairs: float) -> float:
     """Worst penetration [m] of the ticks at hand, every body against every leaf of the tree."""
     hand, tree = outcome.run.hand, outcome.run.tree
-    assert tree is not None
     record = outcome.ticks
     pairs = len(record.status) * tree.leaf_count * (15 + hand.palm_tree.leaf_count)
     every = math.ceil(pairs / most_pairs)
@@ -84,7 +83,6 @@ def assert_passed(case: HardCase, outcomes: Sequence[Outcome], most_pairs: float
 
 def some_ticks(outcome: Outcome, count: int = 2) -> float:
     """Worst penetration [m] of a few ticks, by the referee."""
-    assert outcome.run.mesh is not None
     ticks = np.linspace(0, len(outcome.ticks.status) - 1, count).astype(int)
     return max(0.0, -referee_clearance(outcome.run.hand, outcome.run.mesh, placed_of(outcome.ticks).at(ticks)))
 
@@ -111,16 +109,11 @@ def test_every_hard_case_is_passed_on_the_mesh(name: str, method: str) -> None:
     assert_passed(ON_MESH[name], outcomes, SOME_PAIRS)
 
 
-@cache
-def over_facets(method: str) -> list[Outcome]:
-    """The first cylinder whose facets are narrower than a fingertip; as the method comes, and to convergence."""
-    pair = [run for run in scenes("facets") if run.name == "256 around a cylinder, along the finger"]
-    return run_scenes(pair, SolverOptions(method=method, surface="mesh"))
-
-
 @pytest.mark.parametrize("method", sampled(METHODS, lambda place, method: method == "coupled"))
 def test_a_finger_that_slides_over_facets_does_not_stop_at_an_edge(method: str) -> None:
-    outcomes = over_facets(method)
+    # The first cylinder whose facets are narrower than a fingertip; as the method comes, and to convergence.
+    pair = [run for run in scenes("facets") if run.name == "256 around a cylinder, along the finger"]
+    outcomes = run_scenes(pair, SolverOptions(method=method, surface="mesh"))
     figures = [*common_figures(outcomes), *own_figures(outcomes)]
     assert all(figure.passed for figure in figures), [figure for figure in figures if not figure.passed]
     for outcome in outcomes:
@@ -145,7 +138,6 @@ def test_scenes_provoke_what_they_are_named_for() -> None:
     for outcome, pairs in zip(on_spheres("many-pairs"), (500, 2000), strict=True):
         run, record = outcome.run, outcome.ticks
         shown = HandConfiguration.of(record)
-        assert run.tree is not None
         distance = brute_pairs(run.hand, run.tree.leaf_center, run.tree.leaf_radius, shown, tick=100)
         assert (distance <= SolverOptions().margin).sum() >= pairs
 
@@ -189,10 +181,6 @@ def test_a_finger_is_in_a_ring_or_it_is_not() -> None:
 HAND = HandModel.default()
 
 
-def equal(one: HandConfiguration, other: HandConfiguration) -> bool:
-    return all(a.tobytes() == b.tobytes() for a, b in zip(one, other))
-
-
 @given(st.lists(st.integers(0, 150), min_size=1, max_size=8), st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
 @example([0, 1], 0, False, False)
 @settings(max_examples=25)
@@ -201,7 +189,8 @@ def test_any_cut_gives_the_same_motion(sizes: list[int], seed: int, wild: bool, 
     targets = RandomTargets(HAND, seed, options)
     pieces = [targets.take(size) for size in sizes]
     assert [piece.ticks for piece in pieces] == sizes
-    assert equal(sequence(*pieces), RandomTargets(HAND, seed, options).take(sum(sizes)))
+    whole = RandomTargets(HAND, seed, options).take(sum(sizes))
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(sequence(*pieces), whole))
 
 
 def test_the_wild_mode_does_what_broken_devices_do() -> None:

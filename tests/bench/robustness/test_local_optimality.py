@@ -24,8 +24,6 @@ pytestmark = pytest.mark.slow
 HAND = HandModel.default()
 BALL = bumpy_ball(1200)
 OPTIONS = SolverOptions()
-
-
 FLOOR = sheet_mesh(0.6, 0.6)
 """The plane z = 0, of two triangles."""
 
@@ -69,9 +67,8 @@ def test_at_an_optimum_there_is_none_and_away_from_it_there_is(seed: int, surfac
     # Brute force over triangles takes ten times what it takes over spheres.
     holds = 10 if surface == "spheres" else 4
     ticks = 200 * holds
-    motion = RandomTargets(HAND, seed, StressOptions(hold=200, jumps=True, sweep=False, position_spread=0.03)).take(
-        ticks
-    )
+    stress = StressOptions(hold=200, jumps=True, sweep=False, position_spread=0.03)
+    motion = RandomTargets(HAND, seed, stress).take(ticks)
     # With the bound of a snap it would be on its way there for more than a hold.
     mesh, options = load_object("triangular-prism").mesh, SolverOptions(surface=surface, snap_speed=UNBOUNDED)
     pieces = pieces_of(surface, mesh, BALL)

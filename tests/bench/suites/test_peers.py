@@ -20,8 +20,6 @@ from hhsim.solver.options import SolverOptions
 from hhsim.table.file import ALL
 
 FAKE, GONE = "outside_methods:PushedEverywhere", "outside_methods:NotBuilt"
-
-
 BOTH = Peers.planned(methods=("coupled", "paper"))
 
 

@@ -16,17 +16,9 @@ from hhsim.table.file import ALL
 
 pytestmark = pytest.mark.slow
 
-SMALL = SpeedError.planned(
-    objects=("cube",),
-    motions=("touch",),
-    methods=("coupled",),
-    surfaces=("spheres", "mesh"),
-    levels=(1, 2),
-    linearisations=(12,),
-    backends=("clarabel",),
-    repetitions=2,
-    rate=50.0,
-)
+SCENE = {"objects": ("cube",), "motions": ("touch",), "surfaces": ("spheres", "mesh"), "rate": 50.0}
+WAYS = {"methods": ("coupled",), "levels": (1, 2), "linearisations": (12,), "backends": ("clarabel",)}
+SMALL = SpeedError.planned(**SCENE, **WAYS, repetitions=2)
 
 
 @pytest.fixture(scope="module")

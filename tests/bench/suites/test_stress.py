@@ -28,7 +28,6 @@ from hhsim.solver.options import UNBOUNDED, SolverOptions
 
 pytestmark = pytest.mark.slow
 
-
 HAND = HandModel.default()
 BALL = bumpy_ball(300)
 TIMES = {"cpu_p50", "cpu_p99", "cpu_max"}
@@ -43,15 +42,9 @@ def failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def case(method: str = "coupled", ticks: int = TICKS, wild: bool = False, surface: str = "spheres") -> StressCase:
-    return StressCase(
-        object="ball",
-        tree=BALL,
-        mesh=ball_mesh(subdivisions=3),
-        solver=SolverOptions(method=method, surface=surface),
-        stress=StressOptions(wild=wild),
-        seed=4,
-        ticks=ticks,
-    )
+    ball = {"object": "ball", "tree": BALL, "mesh": ball_mesh(subdivisions=3)}
+    solver = SolverOptions(method=method, surface=surface)
+    return StressCase(**ball, solver=solver, stress=StressOptions(wild=wild), seed=4, ticks=ticks)
 
 
 class Planted(HandSolver):

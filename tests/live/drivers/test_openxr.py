@@ -77,7 +77,6 @@ def test_our_own_hand_comes_back(side: Side) -> None:
         # Numbers of 32 bits: a bone of 20 mm is known to a few nm.
         np.testing.assert_allclose(samples["flexion"], sample.motion.flexion[:30], atol=2e-5)
         np.testing.assert_allclose(samples["abduction"], sample.motion.abduction[:30], atol=2e-5)
-        assert glove.palm is not None
         np.testing.assert_allclose(glove.palm.position, sample.motion.position[29], atol=1e-6)
         turn = sample.motion.orientation[29] / np.linalg.norm(sample.motion.orientation[29])
         assert abs(float(glove.palm.orientation @ turn)) == pytest.approx(1.0, abs=1e-9)
@@ -117,7 +116,7 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
         assert source.read(time.monotonic_ns())[0] == -1
         reader = Reader(glove)
         for k in range(1, 20):
-            reader.until(lambda k=k: reader.count() >= k)  # type: ignore[misc]
+            reader.until(lambda k=k: reader.count() >= k)
             came, position, orientation = source.read(time.monotonic_ns())
             assert came == reader.samples["time_ns"][-1]
             moved = sample.motion.position[k - 1] - sample.motion.position[0]
@@ -130,7 +129,6 @@ def test_the_palm_begins_where_it_is_told_to_and_moves_as_the_hand_does() -> Non
 def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals) -> None:
     port = free_ports(socket.SOCK_DGRAM)
     with example(BRIDGE, port) as bridge:
-        assert bridge.stdout is not None
         with closing(open_device(configure("openxr", port=port, takes="forces"))) as glove:
             glove.open(PATIENCE)
             reader = Reader(glove)
@@ -140,7 +138,6 @@ def test_the_example_bridge_sends_a_hand_and_shakes_fingers(stop: signal.Signals
             assert glove.counters.dropped == 0
             # A hand that points away from the user, flat above the ground; its fingers' joints bend as one, by less
             # than 2° as ours, whose fingers do not lie in quite the same planes.
-            assert glove.palm is not None
             np.testing.assert_allclose(np.abs(glove.palm.orientation), [1.0, 0.0, 0.0, 0.0], atol=0.1)
             assert np.ptp(samples["flexion"][:, 1:, 1:], axis=(1, 2)).max() < np.radians(2.0)
             assert glove.info.capabilities == FORCES

@@ -11,20 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from hhsim.live.device import GLOVE_SAMPLE, FingerCommand, GloveDevice
+from hhsim.live.drivers import poses
 from hhsim.live.drivers.played import RETURN_TIME, Playback
-from hhsim.live.drivers.poses import (
-    DEGREES_PER_METRE,
-    MOVES,
-    REACH,
-    SPEED,
-    STEPS,
-    STOP,
-    TURNING,
-    TURNS,
-    PalmKeys,
-    make_pose_source,
-    write_keyboard_pose,
-)
+from hhsim.live.drivers.poses import PalmKeys, make_pose_source, write_keyboard_pose
 from hhsim.live.gloves import PoseConfig, configure, open_device
 from hhsim.live.processes import LIVE_STATUS, SharedBlock
 from hhsim.motion.trajectory import Trajectory
@@ -109,13 +98,8 @@ def grasping() -> Trajectory:
     channels = np.zeros((401, 11))
     channels[:, 2::2] = np.clip(np.arange(401)[:, None] / 100.0, 0.0, 1.0) * 0.8
     flexion, abduction = DexmoRegression.default().angles(channels)
-    return Trajectory(
-        time=np.arange(401) / 100.0,
-        position=np.zeros((401, 3)),
-        orientation=np.tile([1.0, 0.0, 0.0, 0.0], (401, 1)),
-        flexion=flexion,
-        abduction=abduction,
-    )
+    place, level = np.zeros((401, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (401, 1))
+    return Trajectory(np.arange(401) / 100.0, place, level, flexion, abduction)
 
 
 def test_a_simulated_finger_makes_the_motion_and_stops_where_it_is_resisted(clock: list[int]) -> None:
@@ -189,16 +173,16 @@ def settled(keys: str) -> PalmKeys:
     return palm
 
 
-@pytest.mark.parametrize(("key", "axis"), MOVES.items())
+@pytest.mark.parametrize(("key", "axis"), poses.MOVES.items())
 def test_a_stroke_moves_the_palm_one_step_along_an_axis(key: str, axis: tuple[float, float, float]) -> None:
     palm = settled(key.upper())
-    np.testing.assert_allclose(palm.position, HOME + STEPS[2] * np.array(axis), atol=1e-15)
+    np.testing.assert_allclose(palm.position, HOME + poses.STEPS[2] * np.array(axis), atol=1e-15)
     np.testing.assert_array_equal(palm.orientation, UPRIGHT)
 
 
-@pytest.mark.parametrize(("key", "axis"), TURNS.items())
+@pytest.mark.parametrize(("key", "axis"), poses.TURNS.items())
 def test_a_stroke_turns_the_palm_about_its_own_axis(key: str, axis: tuple[float, float, float]) -> None:
-    half = 0.5 * math.radians(DEGREES_PER_METRE * STEPS[2])
+    half = 0.5 * math.radians(poses.DEGREES_PER_METRE * poses.STEPS[2])
     palm = settled(key)
     expected = np.array([math.cos(half), *(math.sin(half) * np.array(axis))])
     np.testing.assert_allclose(palm.orientation, expected, atol=1e-12)
@@ -210,12 +194,12 @@ def test_a_stroke_turns_the_palm_about_its_own_axis(key: str, axis: tuple[float,
     np.testing.assert_allclose(turned.orientation, product, atol=1e-12)
 
 
-@pytest.mark.parametrize("key", STOP)
+@pytest.mark.parametrize("key", poses.STOP)
 def test_a_stop_key_ends_and_what_follows_is_not_taken(key: str) -> None:
     palm = PalmKeys(HOME, UPRIGHT)
     assert palm.press(f"w{key}dd")
     palm.advance(1e9)
-    np.testing.assert_allclose(palm.position, HOME + [0.0, STEPS[2], 0.0])
+    np.testing.assert_allclose(palm.position, HOME + [0.0, poses.STEPS[2], 0.0])
 
 
 @given(st.text("adswfrkiuoljh+-xyz?", max_size=300), st.floats(1e-4, 0.1))
@@ -225,10 +209,10 @@ def test_the_palm_never_moves_faster_than_a_hand_nor_out_of_reach(keys: str, sec
     for _ in range(20):
         position, orientation = palm.position.copy(), palm.orientation.copy()
         palm.advance(seconds)
-        assert np.linalg.norm(palm.position - position) <= SPEED * seconds * (1.0 + 1e-9)
+        assert np.linalg.norm(palm.position - position) <= poses.SPEED * seconds * (1.0 + 1e-9)
         angle = 2.0 * math.acos(min(1.0, abs(float(palm.orientation @ orientation))))
-        assert angle <= TURNING * seconds * (1.0 + 1e-6) + 1e-7
+        assert angle <= poses.TURNING * seconds * (1.0 + 1e-6) + 1e-7
         assert abs(np.linalg.norm(palm.orientation) - 1.0) < 1e-9
-        assert (np.abs(palm.position - HOME) <= REACH + 1e-12).all()
+        assert (np.abs(palm.position - HOME) <= poses.REACH + 1e-12).all()
     palm.advance(1e9)
     assert not palm.advance(1.0)

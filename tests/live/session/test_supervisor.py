@@ -2,12 +2,12 @@
 
 import os
 import re
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from conftest import sampled
+from live_peers import until
 from live_scripted import make_setup
 
 from hhsim.live.processes import Stage, write_setup
@@ -112,11 +112,8 @@ def make(tmp_path: Path, marks: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
         each.end()
 
 
-def run(session: Supervisor, until: Callable[[], bool], seconds: float = 60.0) -> None:
-    limit = time.monotonic() + seconds
-    while session.poll() and not until():
-        assert time.monotonic() < limit
-        time.sleep(0.01)
+def run(session: Supervisor, reached: Callable[[], bool]) -> None:
+    until(lambda: not session.poll() or reached())
 
 
 def notices(session: Supervisor, level: int = 0) -> str:
@@ -144,7 +141,6 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
     assert "the loop is here" in notices(session)
     assert session.end().error == ""
     for pid in pids:
-        assert pid is not None
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
 
@@ -152,10 +148,7 @@ def test_a_session_ends_in_order_and_the_watchdog_is_last(make: Make, marks: Pat
 @pytest.mark.parametrize(("at", "fault"), [(8, ""), (9, "at the end")])
 def test_a_fault_counts_as_one_at_the_end_if_it_was_then(make: Make, at: int, fault: str) -> None:
     with make(record=False, loop=FAULTY_LOOP.format(at=at)) as session:
-        limit = time.monotonic() + 60.0
-        while session.stage != Stage.ENDING:
-            assert time.monotonic() < limit, "the loop never ended"
-            time.sleep(0.005)
+        until(lambda: session.stage == Stage.ENDING)
     assert session.end().fault_at_end == fault
 
 
@@ -198,7 +191,7 @@ def test_the_end_waits_for_what_is_under_way_and_says_what_it_waits_for(
         if "has the glove released" in text:
             go.touch()
 
-    session._notice = noticed  # type: ignore[method-assign]
+    session._notice = noticed
     with session:
         run(session, lambda: running(session))
         session.request_stop("a key")

@@ -66,10 +66,8 @@ def scene_of_hand(side: Hand, *, free: bool) -> LiveScene:
     return make_live_scene(bodies, HandModel.default(side), configure(hand=side), pose, motion, **about)
 
 
-def record(
-    path: Path, patch: pytest.MonkeyPatch, seconds: float, *, free: bool, gone: range = range(0)
-) -> tuple[Result, SessionMemory]:
-    """Both hands do *lift-both*, by simulated gloves."""
+def record(path: Path, patch: pytest.MonkeyPatch, *, free: bool) -> tuple[Result, SessionMemory]:
+    """Both hands do *lift-both*, by simulated gloves, of which the left one is gone for a while."""
     right, left = (scene_of_hand(side, free=free) for side in SIDES)
     both, clock = right.both(left), FakeClock()
     patch.setattr("hhsim.live.drivers.played.time", SimpleNamespace(monotonic_ns=clock.now))
@@ -80,13 +78,13 @@ def record(
         output=OutputLimits(ramp=0.1),
         safety=SafetyLimits(watchdog=False),
         rate=RATE,
-        duration=seconds,
+        duration=0.6,
         record=path,
     )
     memory = SessionMemory.create(bodies=whole.recorded_bodies, hands=2)
     gloves = [DroppingGlove(worn.device) for worn in whole.worn]
     begun = clock.now()
-    gloves[1].is_gone = lambda: round(1e-9 * (clock.now() - begun) * RATE) in gone
+    gloves[1].is_gone = lambda: round(1e-9 * (clock.now() - begun) * RATE) in GONE
     poses = [ReplayPose(worn.pose) for worn in whole.worn]
     session = InStep(
         whole, memory, gloves[0], clock, pose=poses[0], accounts=FakeAccounts(), beside=(gloves[1], poses[1])
@@ -101,7 +99,7 @@ def record(
 def test_a_glove_that_drops_out_frees_both_hands_until_it_is_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: bool
 ) -> None:
-    result, memory = record(tmp_path / "gone.h5", monkeypatch, 0.6, free=free, gone=GONE)
+    result, memory = record(tmp_path / "gone.h5", monkeypatch, free=free)
     assert result.complete and run_again(result).identical and result["between/graphic"].min() >= 0.0
     right, left = (hand["live/tick/safety"] for hand in result.hands.values())
     lost = left & Safety.DEVICE_LOST > 0

@@ -1,8 +1,6 @@
 """The viewer's process: what it shows of a session that the test plays, and what it makes of a viewer that leaves."""
 
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from live_peers import until
-from live_rings import make_setup, pour, solved_ticks
+from live_rings import make_setup, pour, session_process, solved_ticks
 from rerun_files import PATIENCE, Recording, listening
 
 from hhsim.kernels.tick.state import WORK_TOUCHING
-from hhsim.live.processes import RingReader, Stage, write_setup
+from hhsim.live.processes import RingReader, Stage
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.recorder import SessionWriter
 from hhsim.live.session.setup import LiveSetup
@@ -146,10 +144,8 @@ def test_a_hand_that_is_no_number_is_shown_without_contacts(
 @contextmanager
 def viewer_process(setup: LiveSetup, memory: SessionMemory, port: int, *how: str) -> Iterator[Callable[[Records], str]]:
     """The process of a viewer at a port, by default as the supervisor starts it; how to wait for its last line."""
-    descriptor = write_setup(shown(setup, f"connect={port}"), memory)
-    words = [sys.executable, *(how or ("-m", "hhsim.live.session.viewer")), "--setup", str(descriptor)]
-    descriptors = [descriptor, *memory.descriptors]
-    with subprocess.Popen(words, pass_fds=descriptors, stderr=subprocess.PIPE, text=True) as process:
+    words = how or ("-m", "hhsim.live.session.viewer")
+    with session_process(shown(setup, f"connect={port}"), memory, *words) as process:
 
         def last_line(fed: Records) -> str:
             def is_over() -> bool:
@@ -157,14 +153,11 @@ def viewer_process(setup: LiveSetup, memory: SessionMemory, port: int, *how: str
                 return process.poll() is not None
 
             until(is_over)
-            assert process.returncode == 0 and process.stderr is not None
+            assert process.returncode == 0
             return process.stderr.read().splitlines()[-1]
 
-        try:
-            until(lambda: int(memory.status["viewer_ns"]) > 0)
-            yield last_line
-        finally:
-            process.kill()
+        until(lambda: int(memory.status["viewer_ns"]) > 0)
+        yield last_line
 
 
 def test_a_viewer_that_is_closed_ends_the_process_and_nothing_else(

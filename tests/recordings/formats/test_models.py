@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 from bvh_document import LOWER, RIGS, Rig, bvh_text
-from conftest import Run
 from joint_samples import arrays_npz, joint_sample, words
 from pose_samples import mano_fields
 from recording_samples import read_as, smooth_recording
@@ -82,35 +81,26 @@ def test_five_fingers_that_hang_apart_are_no_hand() -> None:
         read_as("bvh", text[:offset] + ears + text[offset:])
 
 
+def two_arms(one: str, other: str) -> str:
+    """The motion of one file, with the arm of another one behind its own at the same root."""
+    (head, motion), (arm, moved) = (text.split("MOTION\n") for text in (one, other))
+    pairs = zip(motion.splitlines()[2:], moved.splitlines()[2:])
+    rows = [f"{own} {' '.join(others.split()[6:])}" for own, others in pairs]
+    root = head.rstrip().removesuffix("}") + arm[arm.index("\tJOINT") :]
+    return "\n".join([f"{root}MOTION", *motion.splitlines()[:2], *rows]) + "\n"
+
+
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_hand_whose_joints_name_no_side_is_read_where_it_is_alone(side: Literal["right", "left"]) -> None:
     rig = Rig("world", "wrist", "{finger}{n}", LOWER)
     recording = read_as("bvh", bvh_text(CLEAN, rig, side), hand=side)
     assert recording.hand == side and np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
-    # Both arms hang from one root.
-    head, motion = bvh_text(CLEAN, rig, side).split("MOTION\n")
-    start, inner = head.index("\tJOINT"), head.rstrip().removesuffix("}")
-    frames = motion.splitlines()
-    two = (
-        inner
-        + head[start:]
-        + "MOTION\n"
-        + "\n".join(frames[:2] + [f"{f} {' '.join(f.split()[6:])}" for f in frames[2:]])
-    )
     with pytest.raises(TrajectoryError, match="2 hands, at 'wrist' and 'wrist', and no joint names a side"):
-        read_as("bvh", two + "\n", hand=side)
+        read_as("bvh", two_arms(*[bvh_text(CLEAN, rig, side)] * 2), hand=side)
 
 
 def test_both_hands_in_one_file() -> None:
-    right, left = bvh_text(CLEAN, RIGS["neuron"], "right"), bvh_text(CLEAN, RIGS["neuron"], "left")
-    head, motion = right.split("MOTION\n")
-    other_head, other_motion = left.split("MOTION\n")
-    # The left arm hangs from the same root, after the right one.
-    inner = "\n".join(other_head.split("\n")[5:])
-    root = head.rstrip().removesuffix("}")
-    pairs = zip(motion.splitlines()[2:], other_motion.splitlines()[2:])
-    rows = [f"{one} {' '.join(other.split()[6:])}" for one, other in pairs]
-    both = root + inner + "MOTION\n" + "\n".join(motion.splitlines()[:2] + rows) + "\n"
+    both = two_arms(*(bvh_text(CLEAN, RIGS["neuron"], side) for side in ("right", "left")))
     recording = read_as("bvh", both)
     assert recording.hand == "right" and "the left one is there too" in words(recording)
     assert np.abs(recording.flexion - CLEAN.flexion).max() < 1e-4
@@ -215,9 +205,8 @@ def test_a_pickle_of_data_is_read_and_another_is_not_loaded(tmp_path: Path) -> N
     for protocol in (2, 4):
         path.write_bytes(pickle.dumps(fields | {"J_regressor": csc_matrix(fields["J_regressor"])}, protocol=protocol))
         model = read_mano_model(path)
-        assert np.array_equal(model.regressor, fields["J_regressor"]) and np.array_equal(
-            model.mean, fields["hands_mean"]
-        )
+        assert np.array_equal(model.regressor, fields["J_regressor"])
+        assert np.array_equal(model.mean, fields["hands_mean"])
     path.write_bytes(pickle.dumps(fields | {"extra": os.system}))
     with pytest.raises(TrajectoryError, match=r"holds posix.system, which is not data, so it is not loaded; make an"):
         read_mano_model(path)
@@ -293,7 +282,7 @@ index_flex2 = {{ offset = 2.0, index_bend = 98.0 }}
 """.format("\n".join(f"{name} = {{ open = {a}, closed = {b} }}" for name, a, b in zip(CHANNELS, LOW, HIGH)))
 
 
-def test_raw_counts_need_a_calibration(run: Run, tmp_path: Path) -> None:
+def test_raw_counts_are_read_by_a_calibration(tmp_path: Path) -> None:
     (tmp_path / "glove.toml").write_text(CALIBRATION)
     glove = read_calibration(tmp_path / "glove.toml")
     assert glove.in_counts and not DEFAULT.in_counts
@@ -305,12 +294,8 @@ def test_raw_counts_need_a_calibration(run: Run, tmp_path: Path) -> None:
     names = ",".join(name.replace("little", "pinky") for name in CHANNELS)
     rows = (f"{0.01 * k},{','.join(map(repr, row))}" for k, row in enumerate((LOW + channels * (HIGH - LOW)).tolist()))
     (tmp_path / "session.csv").write_text("\n".join([f"time,{names}", *rows]) + "\n")
-    code, out, err = run("import", "session.csv")
-    assert (code, out) == (2, "") and "raw counts; expected 0 to 1, or a calibration: --calibration" in err
     recording = read_recording(tmp_path / "session.csv", ReadOptions(dexmo=glove))
     assert np.allclose(recording.flexion, glove.angles(LOW + channels * (HIGH - LOW))[0])
-    code, _, err = run("import", "session.csv", "--calibration", "none.toml")
-    assert code == 2 and "none.toml: no such file" in err and len(err.splitlines()) == 1
 
 
 def test_the_page_has_the_header_of_a_gloves_table(repository: Path) -> None:
@@ -318,10 +303,3 @@ def test_the_page_has_the_header_of_a_gloves_table(repository: Path) -> None:
     header = next(line for line in page.splitlines() if line.startswith("time,thumb_rotate"))
     assert format_of(Content(data=f"{header}\n".encode()), ReadOptions()).name == "dexmo"
     assert len(header.split(",")) == 12
-
-
-def test_a_calibration_needs_a_dexmo(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "glove.toml").write_text(CALIBRATION)
-    (tmp_path / "other.csv").write_text("a,b\n1,2\n2,3\n")
-    code, _, err = run("import", "other.csv", "--calibration", "glove.toml")
-    assert code == 2 and "a calibration of the Dexmo glove, but the file holds other columns" in err
