@@ -18,7 +18,7 @@ from hhsim.hand.forward_kinematics import forward_kinematics, hand_shape
 from hhsim.hand.model import SIDES, HandModel, Side
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.linkage.file import names_a_linkage, solid_for
-from hhsim.mesh.catalogue import names_a_file, object_description
+from hhsim.mesh.catalogue import names_a_body_file, names_a_file, object_description
 from hhsim.mesh.mesh import Mesh, unit_length_of
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.motion.trajectory import ResampleMode, Trajectory
@@ -183,9 +183,11 @@ def load_words(words: SceneWords, *, surface: str = "spheres", motions: Sequence
     # What is free has a mass.
     solid = solid_for(surface, words.solid or (surface == "spheres" and words.free is not None and links is None))
     bodies = load_object(words.object, next(iter(motions), None), solid=solid, **about)
-    if len(bodies.solids) > 1 and ((words.free is not None and links is None) or words.tree is not None):
-        raise InputError(f"--free, --tree and --rerun are for one object, not for '{words.object}'")
+    if len(bodies.solids) > 1 and words.tree is not None:
+        raise InputError(f"--tree is for one object, not for '{words.object}'")
     if words.free is not None and links is None:
+        if names_a_body_file(words.object):
+            raise InputError(f"--free is for a mesh; '{words.object}' says itself how its bodies move")
         # Before the tree is built: a mesh that can have no mass is refused.
         Free.of_mesh(
             bodies.mesh, **{name: of for name, of in words.free.given().items() if name in ("mass", "density")}

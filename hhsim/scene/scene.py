@@ -175,13 +175,15 @@ def scene_of(
 
 
 def require_one_object(trajectories: Sequence[Trajectory]) -> None:
-    """Raise InputError for two hands whose motions place the object elsewhere, or of which one alone moves it."""
+    """Raise InputError for two hands whose motions place or move the object differently."""
     first = trajectories[0]
     for other in trajectories[1:]:
         places = ("object_position", "object_orientation")
         if any(not np.array_equal(getattr(first, name), getattr(other, name)) for name in places):
             raise InputError("the two hands' recordings have not the same object")
-        if (first.object_motion is None) != (other.object_motion is None):
+        motions = [one.object_motion for one in (first, other) if one.object_motion is not None]
+        at_once = len(motions) == 2 and np.array_equal(first.time, other.time)
+        if len(motions) == 1 or (at_once and not all(map(np.array_equal, *motions))):
             raise InputError("the two hands' recordings have not the same motion of the object")
 
 

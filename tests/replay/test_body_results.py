@@ -22,6 +22,7 @@ from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.state import STATUS_NO_PLACE
 from hhsim.metrics.metrics import distance_of_hands
+from hhsim.motion.trajectory import ObjectMotion
 from hhsim.replay.repeat import run_again
 from hhsim.replay.replay import Replay, replay_scene
 from hhsim.result.labelled import export_ticks
@@ -278,3 +279,11 @@ def test_hands_that_do_not_belong_together_are_refused(block_scene: Scene) -> No
     elsewhere = left.trajectory.placed([0.1, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="the same object"):
         require_one_object([right.trajectory, elsewhere])
+    count = left.trajectory.sample_count
+    ways = (np.linspace(0.0, [x, 0.0, 0.0], count) for x in (1e-3, 1e-3, 2e-3))
+    turn = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    carried = [replace(left.trajectory, object_motion=ObjectMotion(way, turn)) for way in ways]
+    require_one_object(carried[:2])
+    for others in ([left.trajectory, carried[0]], carried[1:]):
+        with pytest.raises(InputError, match="the same motion of the object"):
+            require_one_object(others)

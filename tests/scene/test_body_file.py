@@ -16,6 +16,7 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.mesh.catalogue import body_file_names, names_a_body_file
 from hhsim.scene.body import BodySettings, Driven, Fixed, Free, Joint
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
+from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
 from hhsim.solver.scene_solver import seen_scene
@@ -62,6 +63,15 @@ def test_a_file_of_bodies_makes_a_scene_of_all_of_them(tmp_path: Path) -> None:
     assert seen.free is peg and seen.others == (wall, scene.plane)
     assert seen.parts is not None and seen.parts.names == ("peg", "wall") and seen.parts.free
     assert wall.solid.mass == pytest.approx(1.0)
+
+
+def test_a_file_of_bodies_says_itself_how_they_move(tmp_path: Path) -> None:
+    # Of one body and a plane, too: another mass, friction and table would take the place of what the file says.
+    _, peg, _, table = TWO.split("[[body]]")
+    for text in (TWO, f"[[body]]{peg}[[body]]{table}"):
+        words = SceneWords(object=written(tmp_path, text), trajectory="grasp", free=FreeWords())
+        with pytest.raises(InputError, match="says itself how its bodies move"):
+            load_words(words)
 
 
 def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp_path: Path) -> None:
