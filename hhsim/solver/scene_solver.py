@@ -233,11 +233,6 @@ class WorldSolver:
         return self.engine.ticks
 
     @property
-    def all_ticks(self) -> WorldRecord | None:
-        """Record of all bodies beside a free one in the last ticks; None where there are none."""
-        return None if self.engine is None else self.engine.all_ticks
-
-    @property
     def _alone(self) -> list[WorldEngine]:
         """Engine of each hand alone."""
         return [hand.world for hand in self.hands if hand.world is not None]
@@ -320,12 +315,12 @@ class SceneSolver(WorldSolver):
         self.seen = seen_scene(self.scene)
         self.options = options.at_rate(scene.ticks.rate)
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
-        self.is_jointed = self.seen.parts is not None and free is None
-        if self.is_jointed and not find_method(self.options.method).beside_parts:
+        jointed = self.seen.parts is not None and free is None
+        if jointed and not find_method(self.options.method).beside_parts:
             require_options(self.options, PARTS)
         alone = None if two else free
         self.prepared: tuple[WarmUp, ...] = tuple(
-            warm_up(hand.model, self.options, alone, jointed=self.is_jointed) for hand in scene.hands
+            warm_up(hand.model, self.options, alone, jointed=jointed) for hand in scene.hands
         )
         # Each hand has the surface for itself: what is near it is kept with moving parts.
         self.surfaces = tuple(self.seen.surface(kind) for _ in scene.hands)
@@ -338,7 +333,8 @@ class SceneSolver(WorldSolver):
     @property
     def free_ticks(self) -> tuple[WorldRecord, WorldRecord | None] | None:
         """Ticks of the first free body that were run last, and of all if there are several; None without one."""
-        return None if self.seen.free is None else (self.object_ticks, self.all_ticks)
+        engine = self.engine
+        return None if engine is None or self.seen.free is None else (engine.ticks, engine.all_ticks)
 
 
 class OneTick:

@@ -24,8 +24,8 @@ from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.parallel.thread_team import dismiss, post
 from hhsim.kernels.parts.surface import JointedSurface, whole_dtype
 from hhsim.kernels.qp.active_set import QpWork, new_work
-from hhsim.kernels.tick.block import HapticBlock, TickBlock, TickRecord
-from hhsim.kernels.tick.evaluation import rebuild_candidates
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.tick.evaluation import evaluate_pose, forget_lists
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
@@ -120,7 +120,8 @@ class TickWorkspace:
 
     def gather(self) -> None:
         """Update the tick's lists for a configuration set from outside; HhsimError if more pairs are near than fit."""
-        if not rebuild_candidates(self.hand, self.code, self.tick_options, self.states):
+        forget_lists(self.states[0])
+        if not evaluate_pose(self.hand, self.code, self.tick_options, self.states[0]):
             raise self.full()
 
     def full(self) -> HhsimError:
@@ -136,9 +137,9 @@ class TickWorkspace:
         surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
 
-    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> TickBlock:
+    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[Any, ...]:
         """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
-        return TickBlock(method, self.hand, self.code, self.states, self.qp, haptic, record)
+        return method, self.hand, self.code, self.states, self.qp, haptic, record
 
 
 def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool, hands: int = 1) -> Any:

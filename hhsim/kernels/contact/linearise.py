@@ -123,8 +123,10 @@ def limit_rows(
 
 
 @jit_inline
-def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, relaxed: bool, problem: Record) -> None:
-    """Fill rows and right-hand sides for the contacts and joint limits at `pose`; the target is set before.
+def build_rows(
+    hand: HandArrays, pose: Record, contacts: Record, offset: float, relaxed: bool, abduction: Array, problem: Record
+) -> None:
+    """Fill rows and right-hand sides for the contacts and joint limits at `pose`; `abduction`'s step [rad] is given.
 
     `offset` is ε, the clearance [m] of active contacts. If `relaxed`, contacts nearer than ε only may not come nearer,
     so that the zero step is feasible wherever nothing penetrates.
@@ -152,7 +154,7 @@ def build_rows(hand: HandArrays, pose: Record, contacts: Record, offset: float, 
         if last > first:
             finger_columns(pose, f, contacts, scale, LEVER_FLOOR * hand.length[f, 0], block)
             # An abduction step adds to the distances.
-            step, base, spread = problem.abduction_step[f], pose.joints[f, 0], pose.abduction_axis[f]
+            step, base, spread = abduction[f], pose.joints[f, 0], pose.abduction_axis[f]
             bx, by, bz = spread[0], spread[1], spread[2]
             for i in range(first, last if step != 0.0 else first):
                 rx, ry, rz = point[0, i] - base[0], point[1, i] - base[1], point[2, i] - base[2]

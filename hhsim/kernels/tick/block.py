@@ -60,18 +60,6 @@ class TickRecord(NamedTuple):
     lag: Array
 
 
-class TickBlock(NamedTuple):
-    """Arguments of `run_block`, in its order, for a loop that calls its machine code."""
-
-    method: Any
-    hand: HandArrays
-    surface: SurfaceCode
-    states: NDArray[np.void]
-    qp: QpWork
-    haptic: HapticBlock
-    record: TickRecord
-
-
 @jit_inline
 def set_haptic(hand: HandArrays, haptic: HapticBlock, i: Any, state: Record) -> int:
     """Take row i, or (hand, i), of the input and return 0; STATUS_INPUT_INVALID if not finite: the old one stays."""

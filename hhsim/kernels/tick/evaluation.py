@@ -64,8 +64,12 @@ def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions,
     Rows that a list lacks are farther than its slack, and change nothing as long as no body moves by so much: the step
     is the one of all rows. A longer one would depend on when a list happened to be gathered.
     """
-    candidates, motion, beyond = state.candidates, state.progress.motion, False
+    candidates, motion, beyond, lacks = state.candidates, state.progress.motion, False, False
     reach = min(state.trust.reach, state.trust.radius)
+    for body in range(BODY_COUNT):
+        lacks = lacks or candidates.slack[body] < reach
+    if not lacks:
+        return False
     motion_bounds(hand, state.pose, state.step.delta[:], state.problem.abduction_step[:], 0.0, motion)
     for body in range(BODY_COUNT):
         # A pair that is missing is then still an offset away, so that its row holds.
@@ -77,15 +81,6 @@ def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions,
     reached = Reach(candidates.needed, options.margin, options.skin)
     state.progress.pairs_overflow = evaluate_surface(hand, state.pose, surface, reached, candidates, state.work) != 0
     return not state.progress.pairs_overflow
-
-
-@jit_inline
-def lacks_pairs(state: Record) -> bool:
-    """Return whether a list vouches for less than the reach of a program."""
-    reach, lacking = min(state.trust.reach, state.trust.radius), False
-    for body in range(BODY_COUNT):
-        lacking = lacking or state.candidates.slack[body] < reach
-    return lacking
 
 
 @jit_inline
@@ -133,13 +128,6 @@ def forget_lists(state: Record) -> None:
         # A body that the scene does not use is never due for a walk and never near.
         state.candidates.gathered_slack[body] = -np.inf if state.modelled[body] == 1 else np.inf
         state.candidates.count[body] = 0
-
-
-@jit_inline
-def rebuild_candidates(hand: HandArrays, surface: SurfaceCode, options: TickOptions, states: NDArray[np.void]) -> bool:
-    """Compute kinematics, near pairs and distances of the graphic hand as it stands; False if the pairs do not fit."""
-    forget_lists(states[0])
-    return evaluate_pose(hand, surface, options, states[0])
 
 
 @jit

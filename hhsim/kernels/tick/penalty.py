@@ -319,7 +319,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record
     problem, contacts = state.problem, state.contacts
     status = 0 if _find(hand, surface, options, state) else STATUS_CAPACITY_EXCEEDED
     _aim(hand, penalty, state, work)
-    build_rows(hand, state.pose, contacts, 0.0, state.program.is_relaxed, problem)
+    build_rows(hand, state.pose, contacts, 0.0, state.program.is_relaxed, problem.abduction_step[:], problem)
     _springs(penalty, contacts, problem.rhs, work)
     count, near = contacts.start[FINGER_COUNT + 1], as_int64(0)
     for body in range(BODY_COUNT):

@@ -69,7 +69,7 @@ PREDICTION = np.dtype(
     ],
     align=True,
 )
-"""Prediction of the pose, see `kernels.tick.restoration`."""
+"""Prediction of the pose, see `kernels.world.restoration`."""
 
 TRUST = np.dtype(
     [

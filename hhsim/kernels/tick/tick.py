@@ -13,28 +13,27 @@ fingers together, abduction held.
 
 import numpy as np
 
-from hhsim.kernels.contact.detection import SurfaceCode, find_surface_contacts, pairs_near
+from hhsim.kernels.contact.detection import SurfaceCode, find_surface_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import copy_configuration, farthest_joint, step_between
 from hhsim.kernels.jit import Array, Record, jit, jit_inline
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import rotation_vector_between
-from hhsim.kernels.tick.evaluation import UNITS_CONTACT, count_program, usual_reach
+from hhsim.kernels.tick.evaluation import UNITS_CONTACT, usual_reach
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.restoration import LEAST_TRUST, STEADY, TRUST_DECAY
 from hhsim.kernels.tick.state import STATUS_ABDUCTION_HELD, STATUS_LAG, STATUS_STUCK, WORK_UNITS
 from hhsim.kernels.tick.step import WHOLE_TARGET, copy_active, set_bound
 
+TRUST_DECAY = 0.25
+"""Share of the trust radius that is left when a step has been taken back."""
+LEAST_TRUST = 1e-6
+"""Share of the margin, or of a step, that is not worth a step."""
+STEADY = 2.0
+"""Ratio of a tick's path to that of the tick before, above which the hand has jumped and nothing is predicted."""
 SUSPENSION_MARGINS = 10.0
 """Motion of the haptic hand after which palm and fingers are solved apart again, in margins."""
 PROGRESS = 0.9
 """Share of the coupling's energy to which a lagging tick must at least bring it down."""
-
-
-@jit
-def palm_yielded(state: Record) -> bool:
-    """Return True if a finger has joined the palm's program: its own multipliers then grow without bound, no forces."""
-    return state.progressive.variables > 6
 
 
 @jit
@@ -85,15 +84,6 @@ def find_program_contacts(hand: HandArrays, surface: SurfaceCode, options: TickO
             return status == 0
         state.trust.radius = TRUST_DECAY * reach
         state.work[WORK_UNITS] += UNITS_CONTACT * state.contacts.key.shape[0]
-
-
-@jit_inline
-def count_linearisation(
-    hand: HandArrays, surface: SurfaceCode, options: TickOptions, found: int, rows: int, state: Record
-) -> None:
-    """Add a program of so many contacts found and rows kept to the work of the tick."""
-    bodies, pairs = pairs_near(surface, hand, state.candidates, max(options.listed, state.trust.reach))
-    count_program(bodies, pairs, found, rows, state.work[:])
 
 
 REACH_GROWTH = 4.0

@@ -11,7 +11,6 @@ from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit
 from hhsim.kernels.memory import copy_values
 from hhsim.kernels.rotation import turned_back
-from hhsim.kernels.tick.evaluation import usual_reach
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.kernels.tick.tick import begin_tick
 from hhsim.kernels.world.body import (
@@ -64,10 +63,9 @@ def _measure_edges(method: World) -> None:
         # Each two bodies meet in two pairs: their edges once.
         if not 0 <= other < number or each.modelled[PALM_BODY] == 0:
             continue
-        needed = max(options.listed, max(each.trust.reach, usual_reach(options, each)))
-        far = options.margin + options.skin
+        far, center = options.margin + options.skin, world.bodies[number].center[:]
         mover, edges, others = method.movers[problem.hands + other], method.edges[other], method.edges[number]
-        measure_edges(mover, edges, others, world.bodies[number].center[:], needed, far, each, method.edge_pairs[p])
+        measure_edges(mover, edges, others, center, far, each, method.edge_pairs[p])
 
 
 @jit
@@ -121,12 +119,13 @@ def _measure_table(method: World) -> tuple[float, int, int]:
 
 @jit
 def _begin(method: World) -> None:
-    """Let the bodies go on by their velocity and their weight."""
+    """Take the user's hands, and let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem
+    take_hands(method.states, world)
     _place_pairs(method)
     begin_joints(method.states, world)
-    for p in range(1, problem.pairs):
+    for p in range(problem.pairs):
         begin_tick(method.options, method.states[p])
     begin_bounds(method.options, method.states, world)
     for k in range(problem.bodies):
@@ -195,52 +194,47 @@ def _write_columns(method: World) -> int:
 
 
 @jit
-def _clip(method: World, off: float) -> None:
-    """Take a share of the bodies' steps off their targets."""
+def _clip(method: World, fraction: float) -> None:
+    """Leave the bodies' targets, and Γ, a fraction of their steps."""
     world = method.world[0]
-    problem = world.problem
+    problem, off = world.problem, 1.0 - fraction
     for k in range(problem.bodies):
         body, column = world.bodies[k], problem.column[k]
         for j in range(OBJECT_DOF):
             body.clipped[j] = off * problem.delta[column + j]
             problem.body_target[OBJECT_DOF * k + j] -= body.clipped[j]
-
-
-@jit
-def _bear(method: World, fraction: float) -> None:
-    """Add a share of the step to the tick's, and find what bears the bodies, and the forces on the hands."""
-    world = method.world[0]
-    problem, total, delta = world.problem, world.problem.total, world.problem.delta
-    for k in range(problem.bodies):
-        body, j = world.bodies[k], problem.column[k]
-        if body.joint > 0:
-            body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
-    for j in range(variable_count(problem)):
-        total[j] += fraction * delta[j]
-    for f in range(FINGER_COUNT * problem.hands):
-        problem.abduction_total[f] += fraction * problem.abduction_step[f]
-    find_borne(method.states, world)
+    clip_shifts(fraction, world.friction)
 
 
 @jit
 def _move(method: World, fraction: float) -> None:
-    """Move the bodies by a share of their step, and give the hands theirs past them."""
+    """Move the bodies by a share of their step, give the hands theirs past them, and find what bears both."""
     world = method.world[0]
-    problem, bodies = world.problem, world.bodies
+    problem, bodies, total, delta = world.problem, world.bodies, world.problem.total, world.problem.delta
+    for k in range(problem.bodies):
+        body, j = bodies[k], problem.column[k]
+        if body.joint > 0:
+            body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
+    for j in range(variable_count(problem)):
+        total[j] += fraction * delta[j]
+    for h in range(problem.hands):
+        for f in range(FINGER_COUNT):
+            problem.abduction_total[FINGER_COUNT * h + f] += fraction * method.states[h].problem.abduction_step[f]
+    find_borne(method.states, world)
     # What comes next in the tick is added to it in the frame of each body as it then stands.
     first = problem.column[0]
     for h in range(problem.hands):
         palm = problem.palm[h]
         for j in (palm, palm + 3):
-            turn_back(bodies[0], problem.delta[first : first + OBJECT_DOF], fraction, problem.total[j : j + 3])
+            turn_back(bodies[0], delta[first : first + OBJECT_DOF], fraction, total[j : j + 3])
     for k in range(problem.bodies):
         j = problem.column[k]
-        turn_back(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction, problem.total[j : j + 3])
+        turn_back(bodies[k], delta[j : j + OBJECT_DOF], fraction, total[j : j + 3])
     if 0.0 < fraction < 1.0:
         take_steps(method.states, bodies, fraction, problem)
     for k in range(problem.bodies):
         j = problem.column[k]
-        move_body(bodies[k], problem.delta[j : j + OBJECT_DOF], fraction)
+        move_body(bodies[k], delta[j : j + OBJECT_DOF], fraction)
 
 
 @jit
@@ -288,14 +282,19 @@ def _damp(method: World, state: Record) -> float:
 
 @jit
 def _end(method: World) -> None:
-    """Take the bodies' velocities, or let nothing bear them where no step was accepted."""
-    world = method.world[0]
-    bodies = world.problem.bodies
-    if not method.states[0].progress.is_accepted:
-        clear_borne(bodies, world.borne[world.accepted])
-        return
-    for k in range(bodies):
+    """Take velocities and forces on hands, none where no step was accepted, and see the user's hands from here."""
+    world, accepted = method.world[0], method.states[0].progress.is_accepted
+    problem = world.problem
+    if not accepted:
+        clear_borne(problem.bodies, world.borne[world.accepted])
+    for k in range(problem.bodies if accepted else 0):
         take_velocity(world.bodies[k])
+    _see_hands(method)
+    for h in range(problem.hands):
+        each = method.states[h]
+        each.active.count = each.active.count if accepted else 0
+        turn_loads(world.bodies[0], each.active)
+        update_kinematics(mover_of(method, h), each.haptic)
 
 
 @jit
@@ -306,9 +305,7 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     """
     world, state, p = method.world[0], method.states[0], as_int64(int(value))
     problem = world.problem
-    if asked == STAGE.TAKE:
-        take_hands(method.states, world)
-    elif asked == STAGE.BEGIN:
+    if asked == STAGE.BEGIN:
         _begin(method)
     elif asked == STAGE.PLACE:
         _place_pairs(method)
@@ -329,12 +326,8 @@ def do_bodies(method: World, asked: int, value: float) -> float:
         object_columns(method.states, world)
     elif asked == STAGE.CLIP:
         _clip(method, value)
-    elif asked == STAGE.SHIFTS:
-        clip_shifts(value, world.friction)
     elif asked == STAGE.STEPS:
         take_steps(method.states, world.bodies, 1.0, problem)
-    elif asked == STAGE.BEAR:
-        _bear(method, value)
     elif asked == STAGE.MOVE:
         _move(method, value)
     elif asked == STAGE.TABLE:
@@ -346,19 +339,11 @@ def do_bodies(method: World, asked: int, value: float) -> float:
         return _damp(method, state)
     elif asked == STAGE.KEEP:
         _keep(world)
-    elif asked == STAGE.HOLD:
         return 1.0 if joints_hold(method.states, world) else 0.0
     elif asked == STAGE.BACK:
         _take_back(world)
-    elif asked == STAGE.SEE:
-        _see_hands(method)
-        for h in range(problem.hands):
-            update_kinematics(mover_of(method, h), method.states[h].haptic)
-    elif asked == STAGE.SNAP:
-        mark_snap(method.states[p], world)
     elif asked == STAGE.END:
         _end(method)
-    elif asked == STAGE.TURN:
-        for h in range(problem.hands):
-            turn_loads(world.bodies[0], method.states[h].active)
+    elif asked == STAGE.SNAP:
+        mark_snap(method.states[p], world)
     return 0.0

@@ -141,13 +141,6 @@ def turn_body(body: Record, orientation: Array, x: float, y: float, z: float, or
 
 
 @jit
-def drive_body(body: Record, pose: Array) -> None:
-    """Let position [m] and orientation of a pose, shape (7,), be a driven body's goal at the end of the tick."""
-    copy_values(pose[:3], body.goal_position[:])
-    copy_values(pose[3:], body.goal_orientation[:])
-
-
-@jit
 def predict(body: Record) -> None:
     """Compute the body's pose at the end of the tick without contacts; that of a driven one is given."""
     period = body.period

@@ -342,7 +342,7 @@ def write_row(states: States, world: Record, of: int, row: int, point: Array, m:
             rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
             lever = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
             block[k, row] = lever * weight[6 + PHALANX_COUNT * f + k]
-        turn = problem.abduction_step[FINGER_COUNT * hand + f]
+        turn = states[hand].problem.abduction_step[f]
         if turn != 0.0:
             ax, ay, az = pose.abduction_axis[f, 0], pose.abduction_axis[f, 1], pose.abduction_axis[f, 2]
             rx, ry, rz = px - pose.joints[f, 0, 0], py - pose.joints[f, 0, 1], pz - pose.joints[f, 0, 2]

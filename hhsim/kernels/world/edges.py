@@ -174,26 +174,19 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, 
 
 @jit
 def measure_edges(
-    mover: HandArrays,
-    edges: Edges,
-    others: Edges,
-    center: Array,
-    needed: float,
-    far: float,
-    state: Record,
-    pairs: Record,
+    mover: HandArrays, edges: Edges, others: Edges, center: Array, far: float, state: Record, pairs: Record
 ) -> None:
     """Compute the signed distances of the near pairs of edges, and take them into those of the state's candidates.
 
     `edges` are those of what moves, as a palm, at a pose at which these were measured; `others` those of the body whose
-    frame it is in, with its centre of mass there [m]. Pairs up to `needed` [m] are to be listed, and up to `far` are
-    gathered.
+    frame it is in, with its centre of mass there [m]. Pairs up to what its candidates need are to be listed, and up to
+    `far` [m] are gathered.
     """
     pose, candidates = state.pose, state.candidates
     if edges.length.shape[0] == 0 or others.length.shape[0] == 0:
         return
     slack = pairs.gathered_slack - _motion(mover, pose, pairs, False)
-    if not slack >= needed:
+    if not slack >= candidates.needed:
         _motion(mover, pose, pairs, True)
         _gather(edges, others, center, pose, far, pairs)
         slack = pairs.gathered_slack

@@ -6,16 +6,16 @@ together until none does.
 
 import numpy as np
 
-from hhsim.kernels.contact.detection import find_surface_contacts
+from hhsim.kernels.contact.detection import find_surface_contacts, pairs_near
 from hhsim.kernels.contact.hand_pairs import ADD, DEEP, FORESEE, SHARE, ask_pairs
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code, run_code
+from hhsim.kernels.memory import copy_values
 from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW
-from hhsim.kernels.tick.evaluation import complete_lists, lacks_pairs, least_distance
-from hhsim.kernels.tick.restoration import only_restores
+from hhsim.kernels.tick.evaluation import complete_lists, count_program, least_distance
 from hhsim.kernels.tick.state import WORK_LINEARISATIONS, WORK_ROWS, WORK_UNITS
 from hhsim.kernels.tick.step import (
     CLEAR,
@@ -26,11 +26,12 @@ from hhsim.kernels.tick.step import (
     allowed_fraction,
     lap,
 )
-from hhsim.kernels.tick.tick import count_linearisation, find_program_contacts, step_to_haptic
+from hhsim.kernels.tick.tick import find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import hand_column, is_still, name_rows
-from hhsim.kernels.world.meeting import part_targets, spread_fingers, take_spread
+from hhsim.kernels.world.meeting import part_targets
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, damped_target, mover_of, surface_at
 from hhsim.kernels.world.program import scale_target, solve_plain, take_hand_steps, take_targets
+from hhsim.kernels.world.restoration import only_restores
 from hhsim.kernels.world.rows import PAIR_KEYS, bends
 from hhsim.kernels.world.second_order import FLAT_PROGRAMS
 
@@ -86,7 +87,8 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
 def _write_contacts(method: World, state: Record) -> None:
     """Write the rows of all contacts and joint limits, but for the bodies' columns."""
     problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
-    build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, problem)
+    spread = state.problem.abduction_step[:]
+    build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, spread, problem)
     problem.is_fresh, problem.share = 1, 1.0
     if method.pairs != 0:
         run_code(method.pairs, (method, state))
@@ -106,9 +108,8 @@ def write_other_pairs(method: World, state: Record) -> None:
                 for j in range(PHALANX_COUNT):
                     problem.block[j, first + i] = 0.0
             continue
-        for f in range(FINGER_COUNT):
-            own.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
-        build_rows(mover_of(method, p), each.pose, each.contacts, offset, relaxed, own)
+        copy_values(method.states[problem.hand[p]].problem.abduction_step[:], own.abduction_step[:])
+        build_rows(mover_of(method, p), each.pose, each.contacts, offset, relaxed, own.abduction_step[:], own)
         for i in range(last - first + (LIMIT_ROWS if p < problem.hands else 0)):
             for j in range(6):
                 problem.common[palm + j, first + i] = own.common[j, i]
@@ -145,7 +146,7 @@ def prepare(method: World, near: float, state: Record) -> int:
         return -1
     for h in range(problem.hands):
         target = problem.hand_target[DOF * h : DOF * h + DOF]
-        abduction = problem.abduction_step[FINGER_COUNT * h : FINGER_COUNT * h + FINGER_COUNT]
+        abduction = method.states[h].problem.abduction_step[:]
         step_to_haptic(method.states[h], target, abduction)
         if world.stays:
             target[:] = 0.0
@@ -153,9 +154,7 @@ def prepare(method: World, near: float, state: Record) -> int:
         damped_target(world, as_int64(h), as_int64(0), as_int64(6))
     if world.hand_pairs.kept < -DEEP:
         part_targets(method.states, problem, world.hand_pairs.kept)
-    spread_fingers(method.states, problem)
     ask_pairs(options.pairs, FORESEE, options.offset, 0.0)
-    take_spread(method.states, problem)
     count += world.hand_pairs.count
     _aim_fingers(method, world)
     _write_contacts(method, state)
@@ -164,8 +163,9 @@ def prepare(method: World, near: float, state: Record) -> int:
     scale_target(world)
     for p in range(problem.pairs if near == 0.0 else 0):
         each = method.states[p]
-        given = mover_of(method, p), surface_at(method, p), options
-        count_linearisation(*given, world.found[p], count, each)
+        near_by = max(options.listed, each.trust.reach)
+        parts, pairs = pairs_near(surface_at(method, p), mover_of(method, p), each.candidates, near_by)
+        count_program(parts, pairs, world.found[p], count, each.work[:])
     lap(DURATION_DETECT, state)
     return count
 
@@ -175,10 +175,8 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     """Add rows of pairs of hands' parts that the step at hand would bring together; return whether one is new."""
     world, options = method.world[0], method.options
     problem = world.problem
-    spread_fingers(method.states, problem)
     if ask_pairs(options.pairs, ADD, options.offset, 0.0) == 0.0:
         return False
-    take_spread(method.states, problem)
     for h in range(problem.hands if is_still(problem) else 0):
         work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].meeting.rows
         work[WORK_UNITS] += UNITS_ROUND
@@ -232,10 +230,7 @@ def allowed_share(method: World) -> tuple[float, float]:
     world = method.world[0]
     problem, fraction, longest = world.problem, 1.0, 0.0
     for p in range(problem.pairs):
-        each = method.states[p]
-        for f in range(FINGER_COUNT if problem.other[p] < 0 else 0):
-            each.problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * problem.hand[p] + f]
-        share, motion = allowed_fraction(mover_of(method, p), method.options, each)
+        share, motion = allowed_fraction(mover_of(method, p), method.options, method.states[p])
         world.longest[p] = motion
         fraction, longest = min(fraction, share), max(longest, motion)
     radius = method.states[0].trust.radius
@@ -273,12 +268,11 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
             # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step`).
             made = problem.delta[hand_column(problem, h, j)]
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
-    ask_bodies(method, STAGE.CLIP, off)
-    for f in range(FINGER_COUNT * problem.hands):
-        problem.abduction_step[f] *= fraction
+        for f in range(FINGER_COUNT):
+            method.states[h].problem.abduction_step[f] *= fraction
+    ask_bodies(method, STAGE.CLIP, fraction)
     _write_anew(method, state)
     scale_target(world)
-    ask_bodies(method, STAGE.SHIFTS, fraction)
     return longest, fraction
 
 
@@ -311,9 +305,7 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
         status = solve_with_pairs(method, count, as_bool(False), state, qp)
         # Of a hand alone no step depends on how old its lists are.
         alone = method.bodies == 0 and hands == 1 and attempt == 0 and status == OPTIMAL
-        if not (alone and lacks_pairs(state)):
-            break
-        if not complete_lists(method.movers[0], method.surfaces[0], options, state):
+        if not (alone and complete_lists(method.movers[0], method.surfaces[0], options, state)):
             break
         # Of the discarded program only node tests, pair tests and QP iterations count as work.
         state.work[WORK_UNITS] = units

@@ -25,26 +25,10 @@ def part_targets(states: States, problem: Record, kept: float) -> None:
     first, second = states[0].pose.position, states[1].pose.position
     between = math.sqrt((first[0] - second[0]) ** 2 + (first[1] - second[1]) ** 2 + (first[2] - second[2]) ** 2)
     problem.hand_target[:] = 0.0
-    problem.abduction_step[:] = 0.0
+    states[0].problem.abduction_step[:] = states[1].problem.abduction_step[:] = 0.0
     for j in range(3):
         away = -0.5 * kept * (first[j] - second[j]) / max(between, DEEP)
         problem.hand_target[j], problem.hand_target[DOF + j] = away, -away
-
-
-@jit
-def spread_fingers(states: States, problem: Record) -> None:
-    """Give each hand its abduction step of the program."""
-    for h in range(problem.hands):
-        for f in range(FINGER_COUNT):
-            states[h].problem.abduction_step[f] = problem.abduction_step[FINGER_COUNT * h + f]
-
-
-@jit
-def take_spread(states: States, problem: Record) -> None:
-    """Take each hand's abduction step, which its pairs may have reduced, to the program."""
-    for h in range(problem.hands):
-        for f in range(FINGER_COUNT):
-            problem.abduction_step[FINGER_COUNT * h + f] = states[h].problem.abduction_step[f]
 
 
 @jit
@@ -52,7 +36,6 @@ def dense_rows(states: States, pairs: Record, offset: float, row: int, problem: 
     """Write the rows of pairs of hands' parts from a row on, and return the one behind them."""
     hands, fingers, weight = problem.hands, PHALANX_COUNT * FINGER_COUNT, problem.inverse_root
     problem.dense_row, problem.dense_rows = row, pairs.count
-    spread_fingers(states, problem)
     for i in range(pairs.count):
         for j in range(common_count(problem)):
             problem.common[j, row] = 0.0

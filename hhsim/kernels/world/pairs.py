@@ -36,9 +36,7 @@ from hhsim.kernels.world.columns import States, hand_column
 from hhsim.kernels.world.edges import Edges
 
 Stage = namedtuple(
-    "Stage",
-    "TAKE BEGIN PLACE EDGES AIM CONTACTS LOWEST COLUMNS REWRITE CLIP SHIFTS STEPS "
-    "BEAR MOVE TABLE DAMP KEEP HOLD BACK SEE SNAP END TURN",
+    "Stage", "BEGIN PLACE EDGES AIM CONTACTS LOWEST COLUMNS REWRITE CLIP STEPS MOVE TABLE DAMP KEEP BACK END SNAP"
 )
 STAGE = Stage(*map(as_int64, range(len(Stage._fields))))
 """What `ask_bodies` is asked to do."""

@@ -220,8 +220,10 @@ def _is_settled(states: States, offset: float, world: Record) -> bool:
     problem.gamma_error = 0.0
     for j in range(variable_count(problem)):
         problem.whole[j] = problem.total[j] + problem.delta[j]
-    for f in range(FINGER_COUNT * problem.hands):
-        problem.whole_abduction[f] = problem.abduction_total[f] + problem.abduction_step[f]
+    for h in range(problem.hands):
+        for f in range(FINGER_COUNT):
+            i, spread = FINGER_COUNT * h + f, states[h].problem.abduction_step[f]
+            problem.whole_abduction[i] = problem.abduction_total[i] + spread
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue

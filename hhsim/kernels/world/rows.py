@@ -116,8 +116,7 @@ def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
             ("hand_target", np.float64, (DOF * hands,)),  # step to each of the user's hands, unscaled
             ("body_target", np.float64, (OBJECT_DOF * bodies,)),  # step to where each body would go by itself, unscaled
             ("target", np.float64, (whole,)),  # all targets, scaled, in the program's order
-            ("abduction_step", np.float64, (fingers,)),  # of the fingers, as delta [rad]
-            ("abduction_total", np.float64, (fingers,)),  # of the fingers, as total [rad]
+            ("abduction_total", np.float64, (fingers,)),  # of the fingers in this tick so far [rad]
             ("inverse_root", np.float64, (DOF,)),  # 1 / √G of a hand's variables
             ("rows", np.int64),  # number of rows
             ("groups", np.int64),  # number of groups of rows that are not empty

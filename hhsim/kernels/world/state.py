@@ -25,7 +25,7 @@ def world_dtype() -> "np.dtype[Any]":
     """Build the dtype of the bodies, and of the program of all: one compilation does for any numbers of both."""
     hands, bodies = MOST_HANDS, MOST_BODIES
     problem, frictions = free_problem_dtype(hands, bodies), friction_count(bodies)
-    common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_step"))
+    common, dof, fingers = (problem[name].shape[0] for name in ("common", "delta", "abduction_total"))
     pairs = problem["hand"].shape
     return np.dtype(
         [

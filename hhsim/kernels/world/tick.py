@@ -28,14 +28,6 @@ from hhsim.kernels.qp.active_set import OPTIMAL, QpWork
 from hhsim.kernels.tick.block import OVERFLOW, HapticBlock, TickRecord, record_tick, set_haptic
 from hhsim.kernels.tick.evaluation import REACH_FLOOR, end_work, least_distance, spent_units
 from hhsim.kernels.tick.force import FORCE_PAPER, hand_forces
-from hhsim.kernels.tick.restoration import (
-    TRUST_DECAY,
-    forget_prediction,
-    keep_first_step,
-    predict_pose,
-    take_back,
-    take_free_share,
-)
 from hhsim.kernels.tick.state import (
     STATUS_CAPACITY_EXCEEDED,
     STATUS_LAG,
@@ -57,20 +49,20 @@ from hhsim.kernels.tick.step import (
 )
 from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
+    TRUST_DECAY,
     accept,
     begin_tick,
     energy_stalled,
-    palm_yielded,
     suspend_decoupling,
     tick_status,
     update_reach,
 )
-from hhsim.kernels.world.body import drive_body
 from hhsim.kernels.world.columns import is_still
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
 from hhsim.kernels.world.meeting import bear_meetings
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
+from hhsim.kernels.world.restoration import forget_prediction, keep_first_step, predict_pose, take_back, take_free_share
 
 STILL = 2e-3
 """Motion of a hand in the last tick, in offsets, up to which the first program of the next one is flat."""
@@ -124,16 +116,12 @@ def recover(method: World, state: Record) -> bool:
 
 
 @jit_noinline
-def _find_loads(method: World, fraction: float, state: Record) -> None:
-    """Find the forces of the solution on bodies and hands."""
+def _find_loads(method: World, state: Record) -> None:
+    """Find the forces of the solution on hands; beside bodies that move those of contacts are found as these move."""
     world, states = method.world[0], method.states
     problem = world.problem
-    if method.bodies != 0:
-        ask_bodies(method, STAGE.BEAR, fraction)
-    else:
-        for h in range(problem.hands):
-            first, last = problem.first[h], problem.last[h]
-            bear_contacts(state.contacts, first, last, world.loaded, states[h].warm)
+    for h in range(problem.hands if method.bodies == 0 else 0):
+        bear_contacts(state.contacts, problem.first[h], problem.last[h], world.loaded, states[h].warm)
     bear_meetings(states, world.hand_pairs)
 
 
@@ -142,10 +130,9 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     """Let the present poses be the safe ones; returns whether the tick is done."""
     world, states, options = method.world[0], method.states, method.options
     problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
-    ask_bodies(method, STAGE.KEEP, 0.0)
     if pairs.kept < 0.0:
         pairs.kept = min(pairs.least[CROSS], 0.0)
-    done = held = as_bool(still or ask_bodies(method, STAGE.HOLD, 0.0) > 0.0)
+    done = held = as_bool(ask_bodies(method, STAGE.KEEP, 0.0) > 0.0 or still)
     for p in range(problem.pairs):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
         states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
@@ -182,7 +169,7 @@ def _fail(method: World, fraction: float, longest: float, full_motion: float, cl
         return not _retry(method, state)
     if not state.program.is_coupled:
         suspend_decoupling(state)
-    take_free_share(method.movers[0], method.surfaces[0], options, state)
+    take_free_share(method, state)
     progress.failed_steps = 0
     state.trust.radius *= TRUST_DECAY
     return bool(progress.pairs_overflow)
@@ -210,8 +197,8 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     for h in range(problem.hands if still else 0):
         hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
-    _find_loads(method, fraction, state)
     ask_bodies(method, STAGE.MOVE, fraction)
+    _find_loads(method, state)
     for p in range(pairs):
         motion = world.longest[p]
         move(states[p].pose, states[p].step.delta, states[p].problem.abduction_step, fraction)
@@ -228,11 +215,11 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
-    elif least < 0.0 and forget_prediction(method.movers[0], method.surfaces[0], options, state):
+    elif least < 0.0 and forget_prediction(method, state):
         done = bool(progress.pairs_overflow)
     elif least < 0.0:
         done = _fail(method, fraction, longest, full_motion, clearance, state)
-    elif not still and ask_bodies(method, STAGE.DAMP, 0.0) > 0.0:
+    elif ask_bodies(method, STAGE.DAMP, 0.0) > 0.0:
         _take_back(method)
         done = not measure(method)
     else:
@@ -269,7 +256,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
         for i in range(problem.first[h], problem.last[h]):
             problem.rhs[i] = min(problem.rhs[i], 0.0)
     if count >= 0 and solve_with_pairs(method, count, as_bool(False), state, qp) == OPTIMAL:
-        _find_loads(method, 0.0, state)
+        _find_loads(method, state)
         for h in range(problem.hands):
             copy_active(method.states[h].warm, method.states[h].active)
     for h in range(problem.hands):
@@ -288,7 +275,7 @@ def _finish_way(method: World, state: Record) -> tuple[bool, bool]:
     if _goes_alone(method) and progress.differs_from_safe:
         if progress.is_accepted or pairs_overflow:
             state.first_step.free_share = 0.0
-        made_part = take_free_share(method.movers[0], method.surfaces[0], method.options, state)
+        made_part = take_free_share(method, state)
         if made_part:
             # A step that is not free as a whole may be in several shorter ones.
             share = max(TRUST_DECAY, state.first_step.free_share)
@@ -306,9 +293,9 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     world = method.world[0]
     options, progress, states, problem = method.options, state.progress, method.states, world.problem
     cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
-    still = is_still(problem)
+    still, palm_yields = is_still(problem), state.progressive.variables > 6
     pairs_overflow, made_part = _finish_way(method, state)
-    ask_bodies(method, STAGE.SEE, 0.0)
+    ask_bodies(method, STAGE.END, 0.0)
     for p in range(problem.pairs):
         each = states[p]
         # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
@@ -322,19 +309,16 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         if p >= problem.hands:
             # A body that has distance still to go past another one has it whatever the hand has.
             world.status[0] |= world.status[p] & STATUS_LAG
-    ask_bodies(method, STAGE.END, 0.0)
     lags = False
     for h in range(problem.hands):
         lags = lags or world.status[h] & STATUS_LAG != 0
     if method.solving != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
         suspend_decoupling(state)
-    if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yielded(state)):
+    if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yields):
         near = max(options.touch, ON_THE_WAY * options.offset) if lags else options.touch
         settle_forces(method, near, state, qp)
     for h in range(problem.hands):
         each = states[h]
-        if not progress.is_accepted and not still:
-            each.active.count = 0
         each.work[WORK_TOUCHING] = 0
         for p in range(problem.pairs):
             if problem.hand[p] == h and problem.other[p] < 0:
@@ -345,7 +329,6 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
             find_surface_contacts(*shown, options.touch, each.contacts)
     lap(DURATION_DETECT, state)
-    ask_bodies(method, STAGE.TURN, 0.0)
     for h in range(problem.hands):
         each = states[h]
         snaps = each.progress.snaps or each.progress.snapped > 0
@@ -368,16 +351,12 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     # By flat programs a hand that moves would creep towards where it comes to rest.
     moves = progress.path > STILL * options.offset
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
-    ask_bodies(method, STAGE.TAKE, 0.0)
-    begin_tick(options, state)
     state.step.lap = monotonic_ns()
-    if method.bodies != 0:
-        ask_bodies(method, STAGE.BEGIN, 0.0)
-    else:
-        for p in range(1, method.world[0].problem.pairs):
-            begin_tick(options, method.states[p])
+    ask_bodies(method, STAGE.BEGIN, 0.0)
+    for p in range(method.world[0].problem.pairs if method.bodies == 0 else 0):
+        begin_tick(options, method.states[p])
     if _goes_alone(method):
-        predict_pose(options, method.movers[0], method.surfaces[0], state)
+        predict_pose(method, state)
     status = as_int64(0)
     for done in range(options.linearisations):
         # Without a step accepted only a hand alone may end: bodies would stop, and two hands that meet, whose programs
@@ -455,7 +434,8 @@ def run_many(
             world.taken[h] = set_haptic(method.movers[h], haptic, (h, i), states[h])
         for k in range(world.problem.bodies):
             if world.bodies[k].is_driven == 1:
-                drive_body(world.bodies[k], driven[k, i])
+                copy_values(driven[k, i, :3], world.bodies[k].goal_position[:])
+                copy_values(driven[k, i, 3:], world.bodies[k].goal_orientation[:])
         call_code(code, (method, qp, as_int64(TICK)))
         wall = monotonic_ns() - wall
         cpu = thread_team_cpu_ns(states[0].thread_team) - cpu

@@ -160,7 +160,7 @@ def test_rows_are_the_gradients_of_the_true_distances_and_hold_offset_distance_a
     distance = brute_pairs(hand, tree.leaf_center, tree.leaf_radius, at)
     rate = [rates(hand, tree, at, np.zeros(DOF), turn) for turn in np.eye(5)]
     state.problem.abduction_step[:] = angle * np.linspace(-1.0, 1.0, 5)
-    build_rows(hand.arrays(), state.pose, state.contacts, OFFSET, False, state.problem)
+    build_rows(hand.arrays(), state.pose, state.contacts, OFFSET, False, state.problem.abduction_step, state.problem)
     matrix = row_matrix(state)
     difference = np.array([rates(hand, tree, at, direction, np.zeros(5)) for direction in np.eye(DOF)])
     for i in range(state.contacts.start[-1]):
@@ -184,7 +184,7 @@ def test_limit_rows_say_what_the_limits_say(seed: int, beyond: float) -> None:
     state.contacts.start[:] = 0
     state.problem.common[:] = np.nan
     state.problem.block[:] = np.nan
-    build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem)
+    build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem.abduction_step, state.problem)
     assert limit_start(state.contacts, 5) == LIMIT_ROWS
     step = random.normal(0.0, 1.0, (5, 3))
     reached = flexion + step
@@ -215,7 +215,7 @@ def on_a_patch(seed: int, leaves: int) -> tuple[SphereTree, HandConfiguration]:
 
 
 def rows_of(state: Any) -> tuple[FloatArray, FloatArray, list[int]]:
-    build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem)
+    build_rows(RIGHT.arrays(), state.pose, state.contacts, OFFSET, False, state.problem.abduction_step, state.problem)
     count = int(state.contacts.start[-1])
     return row_matrix(state), np.array(state.problem.rhs[:count]), [int(key) for key in state.contacts.key[:count]]
 

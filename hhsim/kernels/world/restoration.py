@@ -8,20 +8,16 @@ old the lists of pairs are: neither do the bits.
 
 import math
 
-from hhsim.kernels.contact.detection import SurfaceCode
-from hhsim.kernels.contact.hand_pairs import EXACT, LOOK, ask_pairs
 from hhsim.kernels.contact.linearise import clamp_to_limits
-from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT
 from hhsim.kernels.hand.pose import copy_configuration, move, step_between
 from hhsim.kernels.jit import Record, jit, jit_inline, jit_noinline
-from hhsim.kernels.tick.evaluation import REACH_FLOOR, complete_lists, evaluate_pose, lacks_pairs, least_distance
+from hhsim.kernels.tick.evaluation import REACH_FLOOR, complete_lists, least_distance
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.step import allowed_fraction
+from hhsim.kernels.tick.tick import LEAST_TRUST
+from hhsim.kernels.world.pairs import World, measure
 
-TRUST_DECAY = 0.25
-"""Share of the trust radius that is left when a step has been taken back."""
-LEAST_TRUST = 1e-6
-"""Share of the margin, or of a step, that is not worth a step."""
 FREE_SHARE = 0.8
 """Factor of the share of a step whose second-order term is estimated to equal the clearance."""
 
@@ -49,7 +45,7 @@ def keep_first_step(options: TickOptions, fraction: float, clearance: float, dep
 
 
 @jit_noinline
-def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
+def take_free_share(method: World, state: Record) -> bool:
     """Return to the last feasible configuration, and make the free share of its first step; returns whether it is free.
 
     A hand that is faster than the tick's work would else stand still in every other tick. The pose is evaluated in
@@ -59,15 +55,12 @@ def take_free_share(hand: HandArrays, surface: SurfaceCode, options: TickOptions
     first = state.first_step
     if first.free_share >= LEAST_TRUST:
         move(state.pose, first.delta, first.abduction, first.free_share)
-        fits = evaluate_pose(hand, surface, options, state)
-        ask_pairs(options.pairs, LOOK, EXACT, 0.0)
-        if fits and least_distance(state) >= 0.0:
+        if measure(method) and least_distance(state) >= 0.0:
             copy_configuration(state.pose, state.safe)
             state.progress.is_accepted = True
             return True
         copy_configuration(state.safe, state.pose)
-    evaluate_pose(hand, surface, options, state)
-    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
+    measure(method)
     return False
 
 
@@ -86,8 +79,6 @@ def only_restores(options: TickOptions, state: Record, done: int) -> bool:
     return progress.failed_steps > 0 and (is_lost or progress.snaps)
 
 
-STEADY = 2.0
-"""Ratio of a tick's path to that of the tick before, above which the hand has jumped and nothing is predicted."""
 SLOWER = 0.5
 """Ratio of the user's motion to that of the last tick, below which nothing is predicted: the hand stops."""
 UNFORESEEN = 0.5
@@ -95,9 +86,10 @@ UNFORESEEN = 0.5
 
 
 @jit_noinline
-def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, state: Record) -> None:
+def predict_pose(method: World, state: Record) -> None:
     """Move a hand in contact on as the last tick did and the user's slows down, within the bound of the tick."""
     prediction, sample, progress = state.prediction, state.input, state.progress
+    options, hand = method.options, method.movers[0]
     reach = min(state.trust.reach, state.trust.radius)
     share = min(1.0, sample.motion / sample.previous_motion) if sample.previous_motion > 0.0 else 0.0
     prediction.is_predicted = False
@@ -116,8 +108,7 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     _, longest = allowed_fraction(hand, options, state)
     if not options.step_tolerance < longest <= min(reach, progress.bound):
         return
-    if lacks_pairs(state):
-        complete_lists(hand, surface, options, state)
+    complete_lists(hand, method.surfaces[0], options, state)
     if progress.pairs_overflow:
         return
     prediction.is_predicted = True
@@ -125,18 +116,16 @@ def predict_pose(options: TickOptions, hand: HandArrays, surface: SurfaceCode, s
     progress.differs_from_safe = True
     progress.path += longest
     state.trust.reach = min(state.trust.reach, max(REACH_FLOOR * options.step_tolerance, UNFORESEEN * longest))
-    evaluate_pose(hand, surface, options, state)
-    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
+    measure(method)
 
 
 @jit_inline
-def forget_prediction(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
+def forget_prediction(method: World, state: Record) -> bool:
     """Return to where the tick began if its hand is there by prediction alone; returns whether it was."""
     if not state.prediction.is_predicted:
         return False
     state.prediction.is_predicted = False
     state.progress.snaps = False
     take_back(state)
-    evaluate_pose(hand, surface, options, state)
-    ask_pairs(options.pairs, LOOK, EXACT, 0.0)
+    measure(method)
     return True
