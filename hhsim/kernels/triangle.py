@@ -1,8 +1,11 @@
-"""Triangles: closest point with its feature, crossing with a ray, longest edge and the halving across it."""
+"""Triangles: closest point and its feature, crossing with a ray, farthest corner, longest edge, halving across it."""
 
+import math
 from typing import NamedTuple
 
-from hhsim.kernels.jit import Array, jit_inline
+import numpy as np
+
+from hhsim.kernels.jit import Array, Indices, jit, jit_inline
 
 _SLIVER = 1e-12
 """Squared sine of an angle under which a triangle counts as its three edges: its barycentric weights are noise."""
@@ -136,6 +139,37 @@ def ray_crossing(t: Array, px: float, py: float, pz: float, dx: float, dy: float
     if not (a >= 0.0 and b >= 0.0 and a + b <= 1.0):
         return -1.0, det
     return (vx * qx + vy * qy + vz * qz) / det, det
+
+
+@jit
+def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
+    """Compute the squared distance [m²] of (x, y, z) from the farthest corner of triangle i, shape (·, 9)."""
+    farthest2 = 0.0
+    for v in range(0, 9, 3):
+        dx, dy, dz = corner[i, v] - x, corner[i, v + 1] - y, corner[i, v + 2] - z
+        farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
+    return farthest2
+
+
+@jit
+def radius_around(corner: Array, order: Indices, start: int, end: int, center: Array) -> float:
+    """Compute the radius [m] of the sphere about a centre around triangles order[start:end]; 1e-12 larger."""
+    farthest2 = 0.0
+    for i in range(start, end):
+        farthest2 = max(farthest2, far_corner2(corner, order[i], center[0], center[1], center[2]))
+    return math.sqrt(farthest2) * (1.0 + 1e-12)
+
+
+@jit
+def middle_of_box(corner: Array, order: Indices, start: int, end: int, center_out: Array) -> None:
+    """Compute the middle of the box around triangles order[start:end] [m], shape (3,)."""
+    for m in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(start, end):
+            for k in range(0, 9, 3):
+                low = min(low, corner[order[i], k + m])
+                high = max(high, corner[order[i], k + m])
+        center_out[m] = 0.5 * (low + high)
 
 
 @jit_inline

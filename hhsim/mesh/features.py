@@ -239,7 +239,12 @@ def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatA
     face = np.empty((len(triangle), kernel.FACE_FIELDS))
     face[:, :3] = normal
     face[:, 3] = dot(normal, triangle[:, 0])
-    slack = np.minimum(ON, BEYOND * _least_half_sine(triangle))
+    sharpest = np.full(len(triangle), np.inf)
+    # Corner by corner, since there may be a million triangles.
+    for k in range(3):
+        out, back = triangle[:, (k + 1) % 3] - triangle[:, k], triangle[:, k - 1] - triangle[:, k]
+        np.minimum(sharpest, arc_tangent(norm(np.cross(out, back)), dot(out, back)), out=sharpest)
+    slack = np.minimum(ON, BEYOND * sine_and_cosine(0.5 * sharpest)[0])
     for k in range(3):
         p, q = triangle[:, k], triangle[:, (k + 1) % 3]
         inward = np.cross(normal, q - p)
@@ -247,16 +252,6 @@ def _faces(triangle: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatA
         face[:, 4 + 4 * k : 7 + 4 * k] = inward
         face[:, 7 + 4 * k] = dot(inward, p) - slack
     return face, slack
-
-
-def _least_half_sine(triangle: FloatArray) -> FloatArray:
-    # Of half the sharpest corner of each triangle, shape (F, 3, 3); corner by corner, since there may be a million.
-    least = np.full(len(triangle), np.inf)
-    for k in range(3):
-        out, back = triangle[:, (k + 1) % 3] - triangle[:, k], triangle[:, k - 1] - triangle[:, k]
-        angle = arc_tangent(norm(np.cross(out, back)), dot(out, back))
-        np.minimum(least, angle, out=least)
-    return sine_and_cosine(0.5 * least)[0]
 
 
 def _edges(place: FloatArray, corners: IntArray) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray, FloatArray]:

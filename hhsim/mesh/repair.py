@@ -102,8 +102,17 @@ def closed_surface(vertices: FloatArray, faces: IntArray, name: str, unit_length
     _close_holes(surface)
     _require_closed(surface)
     turn_outward(surface)
-    may_fold = _unfold(surface)
-    resolve_overlaps(surface)
+    surface.faces, cut, may_fold = topology.unfolded(surface.vertices, surface.faces)
+    if cut:
+        surface.repairs.append(f"cut {counted(cut, 'flat polygon')} anew, whose triangles were folded over each other")
+    faulty, tested, low, high = found = _join(surface)
+    share = faulty / tested if tested else 1.0
+    if share > CROSSING_SHARE:
+        raise surface.error(f"crosses itself: {_crossing(found)}")
+    if faulty:
+        surface.warnings.append(
+            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
+        )
     if may_fold:
         _require_unfolded(surface)
     surface.vertices, surface.faces = topology.used_vertices(surface.vertices, surface.faces)
@@ -265,14 +274,6 @@ def _require_closed(surface: MeshInRepair) -> None:
     raise surface.error(f"not watertight: {what or 'neighbours wound against each other'}; no safe repair")
 
 
-def _unfold(surface: MeshInRepair) -> bool:
-    """Cut flat polygons that fold over themselves anew; return True where triangles may fold otherwise."""
-    surface.faces, cut, may_fold = topology.unfolded(surface.vertices, surface.faces)
-    if cut:
-        surface.repairs.append(f"cut {counted(cut, 'flat polygon')} anew, whose triangles were folded over each other")
-    return may_fold
-
-
 def _require_unfolded(surface: MeshInRepair) -> None:
     """Raise MeshError where the triangles that have no inside behind them are more than a few."""
     vertices, faces = surface.vertices, surface.faces
@@ -385,18 +386,6 @@ def turn_outward(surface: MeshInRepair) -> None:
     volume = topology.signed_volume(surface.vertices, surface.faces)
     if volume <= 1e-9 * surface.size**3:
         raise surface.error(f"no volume: it encloses {1e9 * volume * surface.unit_length**3:.3g} mm³; expected a solid")
-
-
-def resolve_overlaps(surface: MeshInRepair) -> None:
-    """Join parts that overlap, so that the winding number is 0 or 1; MeshError if a part crosses itself."""
-    faulty, tested, low, high = found = _join(surface)
-    share = faulty / tested if tested else 1.0
-    if share > CROSSING_SHARE:
-        raise surface.error(f"crosses itself: {_crossing(found)}")
-    if faulty:
-        surface.warnings.append(
-            f"crosses itself at about {percent(share)} of its surface (winding number {low:.2f} to {high:.2f})"
-        )
 
 
 def joined_parts(surface: MeshInRepair) -> bool:

@@ -110,12 +110,22 @@ def _fill_winding(surface: MeshInRepair, refusal: str) -> None:
     parts = ((border.front > 0.5) != (border.back > 0.5)) & (np.abs(border.turns - 0.5) <= 0.5 - LOOSE)
     if not parts.any():
         raise surface.error(f"{refusal}; and it has no inside by winding number; {THICKEN}")
-    out, buried = _mesh_anew(surface, bvh, border.point[parts], TOLERANCE * size)
+    parting, tolerance = border.point[parts], TOLERANCE * size
+    corner = surface.vertices[surface.faces].reshape(-1, 3)
+    vertices, faces = solid_mesh(bvh, parting, corner.min(axis=0), corner.max(axis=0), tolerance)
+    if len(faces) == 0:
+        raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
+    vertices, faces = simplified(vertices, faces, parting, tolerance)
+    out, buried = border_distances(vertices, faces, parting)
+    # Without the triangles that were left out it may be smaller than `size`.
+    if out > FARTHEST * surface.size:
+        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {THICKEN}")
+    surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(vertices, faces))
     surface.repairs.append(
         f"meshed anew: what parts inside from outside is at most {surface.millimetres(out)} outside of the mesh "
         f"and {surface.millimetres(buried)} inside it"
     )
-    share, reach = _assumed(surface, source, max(TOLERANCE * size, out))
+    share, reach = _assumed(surface, source, max(tolerance, out))
     if share > CAP_AREA / (1.0 + CAP_AREA):
         raise surface.error(f"{refusal}; and {100.0 * share:.0f} % of its surface would have to be assumed; {THICKEN}")
     _tell_assumed(surface, source, share, reach)
@@ -163,21 +173,6 @@ def turned_outward(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, int
 def _by_winding(surface: MeshInRepair) -> tuple[MeshBvh, Border]:
     bvh = build_mesh_bvh(surface.vertices, surface.faces, signed=False, by_winding=True)
     return bvh, windings_beside(bvh, surface.vertices, surface.faces, SAMPLES, SEED)
-
-
-def _mesh_anew(surface: MeshInRepair, bvh: MeshBvh, border: FloatArray, tolerance: float) -> tuple[float, float]:
-    """Replace a surface by the mesh of the field; return the border's largest distance outside of it, and inside."""
-    size = surface.size
-    corner = surface.vertices[surface.faces].reshape(-1, 3)
-    vertices, faces = solid_mesh(bvh, border, corner.min(axis=0), corner.max(axis=0), tolerance)
-    if len(faces) == 0:
-        raise surface.error(f"no volume: it encloses nothing as large as {surface.millimetres(tolerance)}")
-    vertices, faces = simplified(vertices, faces, border, tolerance)
-    out, buried = border_distances(vertices, faces, border)
-    if out > FARTHEST * size:
-        raise surface.error(f"too thin in places: {surface.millimetres(out)} outside of the finest mesh; {THICKEN}")
-    surface.vertices, surface.faces = topology.in_fixed_order(*topology.used_vertices(vertices, faces))
-    return out, buried
 
 
 def _assumed(surface: MeshInRepair, source: FloatArray, tolerance: float) -> tuple[float, float]:

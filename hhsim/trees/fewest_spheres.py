@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhsim.arrays import BoolArray, FloatArray, IntArray
-from hhsim.kernels.cover.certify import cut_mesh, edges_for
+from hhsim.kernels.cover.certify import cut_mesh
 from hhsim.kernels.cover.cover_error import lie_outside, reduce_outside
 from hhsim.kernels.cover.joint_descent import (
     BLOCK,
@@ -92,7 +92,7 @@ class _Search:
     def __init__(self, mesh: MeshInFrame, spheres: int) -> None:
         self.mesh, self.spheres = mesh, spheres
         pieces = _PIECES[0] + _PIECES[1] * spheres
-        self.micro = cut_mesh(mesh.corner, mesh.normal, edges_for(mesh.corner, np.ones(len(mesh.corner)), pieces))
+        self.micro = cut_mesh(mesh.corner, mesh.normal, pieces)
         points, first = np.unique(self.micro.corner.reshape(-1, 3), axis=0, return_index=True)
         # In the order of the micro-triangles, which is spatial: every so many-th one where the file's are finer.
         points = points[np.argsort(first)][:: -(-len(points) // pieces)]

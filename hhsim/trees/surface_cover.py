@@ -9,7 +9,7 @@ import numpy as np
 from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.errors import MeshError
 from hhsim.kernels.cover import greedy_cover as kernel
-from hhsim.kernels.cover.certify import MicroTriangles, cut_mesh, edges_for, halve
+from hhsim.kernels.cover.certify import MicroTriangles, cut_mesh, halve
 from hhsim.kernels.cover.sphere_descent import move_spheres
 from hhsim.kernels.kd_tree import subtrees
 from hhsim.kernels.mesh.bvh import MeshBvh, face_normals, mesh_signed_distance
@@ -119,9 +119,15 @@ class CoverInProgress:
         """Halve micro-triangles; the halves stay with the spheres that were the best two."""
         self.micro, source = halve(self.micro, chosen)
         self.owner, self.second_owner = self.owner[source], self.second_owner[source]
-        self.cost, self.second_cost = np.empty((2, len(source)))
-        kernel.owner_cost(self.micro, self.center, self.depth, self.owner, self.cost)
-        kernel.owner_cost(self.micro, self.center, self.depth, self.second_owner, self.second_cost)
+        self.cost, self.second_cost = (
+            self._farthest(owner) - self.depth[owner] for owner in (self.owner, self.second_owner)
+        )
+
+    def _farthest(self, owner: IntArray) -> FloatArray:
+        """Return the distance [m] of each micro-triangle's farthest corner from its owner's centre, infinite for −1."""
+        farthest = np.empty(len(owner))
+        kernel.farthest_corners(self.micro, self.center, owner, farthest)
+        return farthest
 
     def refine(self, share: float) -> None:
         """Halve the micro-triangles that cost more than `share` of the worst: they decide the cost of their spheres."""
@@ -194,8 +200,8 @@ class CoverInProgress:
 
     def spheres_of(self, mesh: "MeshInFrame") -> tuple[FloatArray, FloatArray]:
         """Return centres [m], shape (n, 3), and radii [m], (n,), that suffice for each micro-triangle's owner."""
-        radius = np.empty(len(self.depth))
-        kernel.covering_radius(self.micro, self.center, self.owner, radius)
+        radius = np.full(len(self.depth), -1.0)
+        np.maximum.at(radius, self.owner, self._farthest(self.owner))
         used = radius >= 0.0
         center, radius = mesh.frame.out_of(self.center[used]), radius[used] * mesh.frame.size
         size = max(mesh.reach, float(np.abs(center).max()))
@@ -322,8 +328,7 @@ def cover_of(
     `progress` is called with ("cover", cycles done, cycles); `workers` are threads to build with, None the calling one:
     the bytes do not depend on them. Returns centres [m], shape (n, 3), and radii [m], shape (n,).
     """
-    edge = edges_for(mesh.corner, np.ones(len(mesh.corner)), COARSE * spheres)
-    micro = cut_mesh(mesh.corner, mesh.normal, edge)
+    micro = cut_mesh(mesh.corner, mesh.normal, COARSE * spheres)
     cover = CoverInProgress(mesh.bvh, micro, spheres, workers or Workers())
     cover.fill()
     cover.assign()

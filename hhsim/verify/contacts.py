@@ -202,34 +202,31 @@ def near_pairs(hand: OwnHand, posed: Posed, pieces: Pieces, fingers: BoolArray, 
     With a triangle a phalanx has pairs at its nearest point and at both ends, where it touches a face that it lies flat
     on. No depth exceeds the radius, that of a body whose axis passes through the triangle.
     """
-    found, search = list[Pairs](), _near_spheres if pieces.triangles is None else _near_triangles
+    found = list[Pairs]()
     # A palm that is far as a whole is left out.
     reach, spheres = float((np.linalg.norm(hand.palm_center, axis=1) + hand.palm_radius).max()) + near, hand.palm_radius
     for first in range(0, max(len(posed.joints), 1), CHUNK):
         some = posed.at(slice(first, first + CHUNK))
         used = np.repeat(pieces.counts(some.position, reach)[:, None] > 0, PALM + len(spheres), axis=1)
         used[:, :PALM] = np.repeat(fingers, 3)
-        pairs = search(own_cones(hand, some), np.where(used.ravel(), near, -np.inf), pieces).within(near)
+        cones, within = own_cones(hand, some), np.where(used.ravel(), near, -np.inf)
+        if pieces.triangles is None:
+            row, piece = near_rows(cones, cones.thick + within, pieces)
+            place, size = cones.at(row).nearest_balls(pieces.center[piece])
+            pairs = ball_pairs(row, piece, place, size, place - pieces.center[piece], pieces.radius[piece])
+        else:
+            row, piece, share, _ = cones_near_triangles(cones, pieces, within)
+            long = (cones.a != cones.b).any(axis=1)[row]
+            ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
+            every = np.concatenate([np.arange(len(row)), *ends])
+            at = np.concatenate([share, *(np.full(len(rows), end) for end, rows in enumerate(ends))])
+            row, piece = row[every], piece[every]
+            place, size = cones.at(row).balls(at)
+            pairs = ball_pairs(row, piece, place, size, pieces.away(piece, place).T, 0.0)
+        pairs = pairs.within(near)
         tick, body = np.divmod(pairs.body, PALM + len(spheres))
         found.append(pairs._replace(tick=tick + first, body=np.minimum(body, PALM)))
     return joined(found)
-
-
-def _near_spheres(cones: RoundCones, near: FloatArray, pieces: Pieces) -> Pairs:
-    row, leaf = near_rows(cones, cones.thick + near, pieces)
-    center = pieces.center[leaf]
-    place, size = cones.at(row).nearest_balls(center)
-    return ball_pairs(row, leaf, place, size, place - center, pieces.radius[leaf])
-
-
-def _near_triangles(cones: RoundCones, near: FloatArray, pieces: Pieces) -> Pairs:
-    row, face, share, _ = cones_near_triangles(cones, pieces, near)
-    long = (cones.a != cones.b).any(axis=1)[row]
-    ends = [np.flatnonzero(long & (share != end)) for end in (0.0, 1.0)]
-    rows = np.concatenate([np.arange(len(row)), *ends])
-    at = np.concatenate([share, *(np.full(len(found), end) for end, found in enumerate(ends))])
-    place, size = cones.at(row[rows]).balls(at)
-    return ball_pairs(row[rows], face[rows], place, size, pieces.away(face[rows], place).T, 0.0)
 
 
 def joined(parts: Sequence[Pairs]) -> Pairs:

@@ -43,11 +43,6 @@ def depth_in_spheres(center: FloatArray, radius: FloatArray) -> Callable[[FloatA
     return depth
 
 
-def tree_claims(result: Result) -> list[Claim]:
-    """Judge the sphere trees of all bodies."""
-    return [judge(result) for judge in (_tree_encloses, cover)]
-
-
 def _tree(body: Body) -> tuple[Any, ...]:
     return tuple(np.array(body.static[f"tree/{name}"]) for name in ("center", "radius", "level", "parent"))
 
@@ -59,8 +54,8 @@ def leaves(body: Body) -> tuple[FloatArray, FloatArray]:
     return center[last], radius[last]
 
 
-def _tree_encloses(result: Result) -> Claim:
-    """No leaf sticks out of a sphere above it, which a descent of a tree relies on."""
+def tree_encloses(result: Result) -> Claim:
+    """Judge whether no leaf sticks out of a sphere above it, which a descent of a tree relies on."""
     found = []
     for body in result.bodies.values():
         center, radius, level, parent = _tree(body)

@@ -23,7 +23,7 @@ from hhsim.verify.free_object_checks import free_claims, free_hand_claims
 from hhsim.verify.joint_checks import joint_claims, posture_claims
 from hhsim.verify.second_run import second_run_claim
 from hhsim.verify.tick_data import JudgedTicks
-from hhsim.verify.tree_checks import palm_claim, tree_claims
+from hhsim.verify.tree_checks import cover, palm_claim, tree_encloses
 
 LONG, SAMPLED_EVERY = 10_000, 50
 """Ticks from which on a run is sampled by the claims in `SAMPLED`, and the sampling interval."""
@@ -119,9 +119,8 @@ def physics(
     for hand in hands:
         judge = JudgedTicks(hand, chosen_ticks(hand, every))
         progress("file", 0, 3)
-        trees = tree_claims(hand)
-        covers = any(claim.name == "cover" and claim.verdict != NOT_CLAIMED for claim in trees)
-        mesh, depth = mesh_claim(judge, progress, covers=covers)
+        trees = [tree_encloses(hand), cover(hand)]
+        mesh, depth = mesh_claim(judge, progress, covers=trees[1].verdict != NOT_CLAIMED)
         groups = {
             "seal": file_claims(hand),
             "depth": [*depth_claims(judge), mesh],

@@ -17,8 +17,7 @@ import trimesh
 
 from hhsim.errors import MeshError
 from hhsim.mesh import file as mesh_file
-from hhsim.mesh.file import read_mesh, read_own_ply, read_triangles
-from hhsim.mesh.polygon_formats import NO_END
+from hhsim.mesh.file import NO_END, read_mesh, read_own_ply, read_triangles
 from hhsim.mesh.scene_formats import of_dae
 from hhsim.mesh.topology import face_areas, signed_volume
 from hhsim.system import child_reader, input_file

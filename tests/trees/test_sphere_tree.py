@@ -305,8 +305,5 @@ def test_the_cache_knows_every_source_that_a_tree_depends_on() -> None:
         "kernels/sphere_tree.py",
         "kernels/target.py",
         "ranges.py",
-    } | {
-        f"mesh/{name}.py"
-        for name in ("file", "isosurface", "mesh", "polygon_formats", "repair", "scene_formats", "solidify")
-    }
+    } | {f"mesh/{name}.py" for name in ("file", "isosurface", "mesh", "repair", "scene_formats", "solidify")}
     assert {name for name in unknown if not name.startswith("system/")} == other

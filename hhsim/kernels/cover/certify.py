@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import build_median_tree
-from hhsim.kernels.triangle import halve_triangle, longest_edge, triangle_at
+from hhsim.kernels.triangle import halve_triangle, longest_edge, middle_of_box, radius_around, triangle_at
 
 CUT_STACK = 256
 """Size of the stack of `cut_faces`: a halved triangle leaves one waiting, and 256 halvings end below any float."""
@@ -38,8 +38,8 @@ class MicroTriangles(NamedTuple):
 
 
 @jit_allocating
-def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) -> int:
-    """Halve faces across their longest edge until no edge is longer than `edge` [m], shape (F,), allows.
+def cut_faces(corner: Array, edge: float, corner_out: Array, face_out: Indices) -> int:
+    """Halve faces across their longest edge until no edge is longer than `edge` [m].
 
     Writes the micro-triangles [m] and the face of each, as many as fit; returns the number of all.
     """
@@ -53,7 +53,7 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
             top -= 1
             triangle = triangle_at(stack, top)
             longest, length2 = longest_edge(triangle)
-            if length2 <= edge[face] * edge[face] or top + 2 > CUT_STACK:
+            if length2 <= edge * edge or top + 2 > CUT_STACK:
                 if count < face_out.shape[0]:
                     for k in range(9):
                         corner_out[count, k] = stack[top, k]
@@ -65,64 +65,37 @@ def cut_faces(corner: Array, edge: Array, corner_out: Array, face_out: Indices) 
     return count
 
 
-@jit_allocating
+@jit
 def _node_spheres(
-    corner: Array, start: Indices, end: Indices, right: Indices, center_out: Array, radius_out: Array
+    corner: Array, order: Indices, start: Indices, end: Indices, center_out: Array, radius_out: Array
 ) -> None:
-    """Compute spheres around the corners of each node, about the centre of their bounds."""
-    low, high = np.empty((start.shape[0], 3)), np.empty((start.shape[0], 3))
-    for node in range(start.shape[0] - 1, -1, -1):
-        for k in range(3):
-            if right[node] < 0:
-                least, most = np.inf, -np.inf
-                for i in range(start[node], end[node]):
-                    for v in range(0, 9, 3):
-                        least = min(least, corner[i, v + k])
-                        most = max(most, corner[i, v + k])
-            else:
-                least = min(low[node + 1, k], low[right[node], k])
-                most = max(high[node + 1, k], high[right[node], k])
-            low[node, k], high[node, k] = least, most
-            center_out[node, k] = 0.5 * (least + most)
-        farthest2 = 0.0
-        for i in range(start[node], end[node]):
-            for v in range(0, 9, 3):
-                dx = corner[i, v] - center_out[node, 0]
-                dy = corner[i, v + 1] - center_out[node, 1]
-                dz = corner[i, v + 2] - center_out[node, 2]
-                farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
-        radius_out[node] = np.sqrt(farthest2) * (1.0 + 1e-12)
+    """Compute spheres around the triangles order[start:end] of each node, about the middle of their box."""
+    for node in range(start.shape[0]):
+        middle_of_box(corner, order, start[node], end[node], center_out[node])
+        radius_out[node] = radius_around(corner, order, start[node], end[node], center_out[node])
 
 
-def edges_for(corner: Array, share: Array, target: int) -> Array:
-    """Compute longest edges [m], proportional to `share` > 0 of each face, that cut faces into about `target` pieces.
+def cut_mesh(corner: Array, normal: Array, target: int) -> MicroTriangles:
+    """Cut faces, shape (F, 9), with outward unit normals, shape (F, 3), into about `target` micro-triangles.
 
-    Faces, shape (F, 9), that are already smaller stay whole.
+    No edge is then longer than another length, the same for all; faces that are already smaller stay whole.
     """
     ab, ac = corner[:, 3:6] - corner[:, :3], corner[:, 6:] - corner[:, :3]
     area = 0.5 * np.linalg.norm(np.cross(ab, ac), axis=1)
-    no_corner, no_face = np.empty((0, 9)), np.empty(0, np.int64)
-    edge: Array = share * 2.0 * np.sqrt(float((area / share**2).sum()) / target)
-    for _ in range(_CUT_TRIALS):
-        count = cut_faces(corner, edge, no_corner, no_face)
-        if 0.85 * target <= count <= 1.15 * target or count == len(corner):
+    edge = 2.0 * math.sqrt(float(area.sum()) / target)
+    for trial in range(_CUT_TRIALS + 1):
+        count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
+        if 0.85 * target <= count <= 1.15 * target or count == len(corner) or trial == _CUT_TRIALS:
             break
         edge *= float(np.clip(np.sqrt(count / target), 0.5, 2.0))
-    return edge
-
-
-def cut_mesh(corner: Array, normal: Array, edge: Array) -> MicroTriangles:
-    """Cut faces, shape (F, 9), with outward unit normals, shape (F, 3), until no edge is longer than `edge` [m]."""
-    count = cut_faces(corner, edge, np.empty((0, 9)), np.empty(0, np.int64))
     micro, face = np.empty((count, 9)), np.empty(count, np.int64)
     cut_faces(corner, edge, micro, face)
 
-    tree = build_median_tree(micro.reshape(-1, 3, 3).mean(axis=1), _BLOCK)
-    micro = np.ascontiguousarray(micro[tree.order])
-    center, radius = np.empty((len(tree.start), 3)), np.empty(len(tree.start))
-    _node_spheres(micro, tree.start, tree.end, tree.right, center, radius)
-    normal = np.ascontiguousarray(normal[face[tree.order]])
-    return MicroTriangles(micro, normal, tree.start, tree.end, tree.right, center, radius)
+    order, start, end, right = build_median_tree(micro.reshape(-1, 3, 3).mean(axis=1), _BLOCK)
+    center, radius = np.empty((len(start), 3)), np.empty(len(start))
+    _node_spheres(micro, order, start, end, center, radius)
+    of_face = np.ascontiguousarray(normal[face[order]])
+    return MicroTriangles(np.ascontiguousarray(micro[order]), of_face, start, end, right, center, radius)
 
 
 @jit

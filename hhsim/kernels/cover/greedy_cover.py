@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhsim.kernels.cover.certify import MicroTriangles
-from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere, far_corner2, place_sphere
+from hhsim.kernels.cover.sphere_descent import WORK, descend_sphere, place_sphere
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
 from hhsim.kernels.mesh.bvh import MeshBvh
-from hhsim.kernels.triangle import longest_edge, triangle_at
+from hhsim.kernels.triangle import far_corner2, longest_edge, triangle_at
 
 _GAIN = 1e-3
 
@@ -268,25 +268,11 @@ def group_by_owner(owner: Indices, first_out: Indices, order_out: Indices) -> No
 
 
 @jit
-def covering_radius(micro: MicroTriangles, center: Array, owner: Indices, radius_out: Array) -> None:
-    """Compute the least radius [m] of each sphere that reaches all its micro-triangles; −1 if it has none."""
-    radius_out[:] = -1.0
+def farthest_corners(micro: MicroTriangles, center: Array, owner: Indices, distance_out: Array) -> None:
+    """Compute the distance [m] of each micro-triangle's farthest corner from its owner's centre, infinite for -1."""
     for i in range(owner.shape[0]):
-        j = owner[i]
-        far2 = far_corner2(micro.corner, i, center[j, 0], center[j, 1], center[j, 2])
-        radius_out[j] = max(radius_out[j], math.sqrt(far2))
-
-
-@jit
-def owner_cost(micro: MicroTriangles, center: Array, depth: Array, owner: Indices, cost_out: Array) -> None:
-    """Compute the cost [m] of each micro-triangle under its owner; infinite if the owner is −1."""
-    for i in range(owner.shape[0]):
-        j = owner[i]
-        if j < 0:
-            cost_out[i] = np.inf
-            continue
-        far2 = far_corner2(micro.corner, i, center[j, 0], center[j, 1], center[j, 2])
-        cost_out[i] = math.sqrt(far2) - depth[j]
+        c = center[owner[i]]
+        distance_out[i] = math.sqrt(far_corner2(micro.corner, i, c[0], c[1], c[2])) if owner[i] >= 0 else np.inf
 
 
 @jit

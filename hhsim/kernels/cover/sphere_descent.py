@@ -17,7 +17,8 @@ import numpy as np
 from hhsim.kernels.cover.certify import MicroTriangles
 from hhsim.kernels.jit import Array, Indices, as_int64, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK
-from hhsim.kernels.mesh.bvh import MeshBvh, closest_on_mesh, outside, winding_at
+from hhsim.kernels.mesh.bvh import MeshBvh, beyond, closest_on_mesh, outside, winding_at
+from hhsim.kernels.triangle import far_corner2
 
 _SHRINKS = 40
 _STRETCHES = 8
@@ -35,16 +36,6 @@ def same_side(depth: float, moved2: float) -> int:
     if not moved2 < depth * depth * (1.0 - 1e-9):
         return UNKNOWN
     return 1 if depth > 0.0 else -1
-
-
-@jit
-def far_corner2(corner: Array, i: int, x: float, y: float, z: float) -> float:
-    """Compute the squared distance [m²] of (x, y, z) from the farthest corner of micro-triangle i."""
-    farthest2 = 0.0
-    for v in range(0, 9, 3):
-        dx, dy, dz = corner[i, v] - x, corner[i, v + 1] - y, corner[i, v + 2] - z
-        farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
-    return farthest2
 
 
 @jit
@@ -71,9 +62,7 @@ def depth_at(
     elif side != UNKNOWN:
         is_outside = side < 0
     else:
-        box = bvh.bound[0]
-        in_box = box[0] <= x <= box[3] and box[1] <= y <= box[4] and box[2] <= z <= box[5]
-        is_outside = not (in_box and winding_at(bvh, x, y, z, stack) > 0.5)
+        is_outside = beyond(bvh, x, y, z) or not winding_at(bvh, x, y, z, stack) > 0.5
     if is_outside:
         depth = -depth
     return depth, qx, qy, qz

@@ -23,7 +23,7 @@ import numpy as np
 from hhsim.kernels.arithmetic import arc_tangent, arc_tangents
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating, jit_inline
 from hhsim.kernels.kd_tree import STACK, build_median_tree
-from hhsim.kernels.triangle import Triangle, closest_on_triangle, triangle_at
+from hhsim.kernels.triangle import Triangle, closest_on_triangle, far_corner2, triangle_at
 
 SMALL = 1.0e-100
 FAR = 2.0
@@ -124,11 +124,7 @@ def _sum_moments(bvh: Any, moments: WindingMoments) -> None:
         moment = moments.moment[node]
         moment[:] = 0.0
         for i in range(first, last):
-            for v in range(0, 9, 3):
-                dx = bvh.corner[i, v] - center[0]
-                dy = bvh.corner[i, v + 1] - center[1]
-                dz = bvh.corner[i, v + 2] - center[2]
-                farthest2 = max(farthest2, dx * dx + dy * dy + dz * dz)
+            farthest2 = max(farthest2, far_corner2(bvh.corner, i, center[0], center[1], center[2]))
             for k in range(3):
                 moment[k] += vector[i, k]
                 for j in range(3):

@@ -17,6 +17,7 @@ from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.jit import Array, Indices, jit, jit_allocating
 from hhsim.kernels.kd_tree import split_widest
 from hhsim.kernels.sphere_tree import TreeArrays
+from hhsim.kernels.triangle import middle_of_box, radius_around
 
 BRANCHING = 8
 ALONG = 1e-9
@@ -85,29 +86,6 @@ def _triangle_sphere(corner: Array, center_out: Array) -> None:
 
 
 @jit
-def _reach(corner: Array, order: Indices, start: int, end: int, center: Array) -> float:
-    """Compute the radius of the sphere about a centre around the corners of faces."""
-    most = 0.0
-    for i in range(start, end):
-        c = corner[order[i]]
-        for k in range(0, 9, 3):
-            square = (c[k] - center[0]) ** 2 + (c[k + 1] - center[1]) ** 2 + (c[k + 2] - center[2]) ** 2
-            most = max(most, square)
-    return math.sqrt(most) * (1.0 + 1e-12)
-
-
-@jit
-def _middle_of_box(corner: Array, order: Indices, start: int, end: int, center_out: Array) -> None:
-    for m in range(3):
-        low, high = np.inf, -np.inf
-        for i in range(start, end):
-            for k in range(0, 9, 3):
-                low = min(low, corner[order[i], k + m])
-                high = max(high, corner[order[i], k + m])
-        center_out[m] = 0.5 * (low + high)
-
-
-@jit
 def _children(faces: int) -> int:
     # The fewest that hold the faces in full groups: halved three times at every level, most of the last groups would
     # have two or three.
@@ -143,7 +121,7 @@ def face_tree(corner: Array) -> TreeArrays:
             _triangle_sphere(corner[order[low]], center)
             first_child[node] = -1 - order[low]
         else:
-            _middle_of_box(corner, order, low, high, center)
+            middle_of_box(corner, order, low, high, center)
             first_child[node], child_count[node] = nodes, 1
             start[nodes], end[nodes], share[0] = low, high, _children(high - low)
             i = 0
@@ -163,7 +141,7 @@ def face_tree(corner: Array) -> TreeArrays:
             nodes += child_count[node]
         for m in range(3):
             sphere[m, node] = center[m]
-        sphere[3, node] = _reach(corner, order, start[node], end[node], center)
+        sphere[3, node] = radius_around(corner, order, start[node], end[node], center)
         node += 1
     x, y, z, radius = sphere[0, :nodes].copy(), sphere[1, :nodes].copy(), sphere[2, :nodes].copy(), sphere[3, :nodes]
     return TreeArrays(x, y, z, radius.copy(), first_child[:nodes].copy(), child_count[:nodes].copy())
