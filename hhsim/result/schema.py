@@ -142,8 +142,10 @@ TICK_COLUMNS = _columns("""
     duration/force         | -     | i8 | ns    | wall time of the forces | duration.force
     duration/total         | -     | i8 | ns    | wall time of the whole tick | duration_total
     duration/total_cpu     | -     | i8 | ns    | CPU time of the whole tick, of all its threads | duration_cpu
-    contacts/candidates    | -     | i8 | 1     | candidate pairs: within the margin | work.candidates
-    contacts/touching      | -     | i8 | 1     | pairs within 10 µm of each other after the tick | work.touching
+    contacts/candidates    | -     | i8 | 1     | candidate pairs: within the margin, of a mesh within a step's reach
+        | work.candidates
+    contacts/touching      | -     | i8 | 1     | pairs that touch after the tick: within 10 µm, of a mesh 1 µm
+        | work.touching
     work/node_tests        | -     | i8 | 1     | sphere-tree nodes tested | work.node_tests
     work/pair_tests        | -     | i8 | 1     | exact distances between a hand body and a leaf sphere
         | work.pair_tests

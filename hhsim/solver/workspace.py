@@ -62,8 +62,8 @@ HELPER = "hhsim-helper"
 """Start of the helpers' names."""
 
 
-def tick_options(options: SolverOptions, model: HandModel) -> TickOptions:
-    """Return the solver's options in the kernels' form, of a hand; tolerances in units of √G times a length."""
+def tick_options(options: SolverOptions) -> TickOptions:
+    """Return the solver's options in the kernels' form; tolerances in units of √G times a length."""
     tolerance = options.tolerance * options.margin * math.sqrt(options.stiffness.translation)
     return TickOptions(
         force_model=FORCE_MODELS[options.force],
@@ -100,7 +100,7 @@ class TickWorkspace:
         self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
         self.options = options
-        self.tick_options = tick_options(options, model)
+        self.tick_options = tick_options(options)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")

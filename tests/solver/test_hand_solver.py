@@ -324,18 +324,18 @@ def test_a_force_that_no_damping_explains_is_found(lift: Result, tmp_path: Path)
 
 
 def test_a_slower_loop_lets_the_hand_go_farther_in_a_tick() -> None:
-    assert tick_options(SolverOptions().at_rate(200.0), RIGHT).snap_step == pytest.approx(5.0 * SNAP_STEP)
+    assert tick_options(SolverOptions().at_rate(200.0)).snap_step == pytest.approx(5.0 * SNAP_STEP)
 
 
 def test_only_a_method_that_seeks_the_nearest_pose_is_bounded() -> None:
-    assert tick_options(SolverOptions(method="progressive"), RIGHT).snap_step == np.inf
+    assert tick_options(SolverOptions(method="progressive")).snap_step == np.inf
 
 
 @pytest.mark.parametrize(("ticks", "times"), [(0, 1.0), (16, 1.25), (32, 1.8), (96, 1.8), (128, 2.8), (160, 5.8)])
 def test_a_snap_grows_to_less_than_a_jump_and_ends(ticks: int, times: float) -> None:
     progress = np.zeros(1, tick_state_dtype()).view(np.recarray)[0].progress
     progress.snapped = ticks
-    assert snap_step(tick_options(SolverOptions(), RIGHT), progress) == pytest.approx(times * SNAP_STEP)
+    assert snap_step(tick_options(SolverOptions()), progress) == pytest.approx(times * SNAP_STEP)
 
 
 @given(st.integers(0, 2**32 - 1))

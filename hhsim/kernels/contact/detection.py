@@ -39,8 +39,8 @@ CONTACTS = np.dtype(
         # 0 to 14 phalanx, 15 palm; in the joined records of `kernels.world`, BODY_COUNT times the pair is added
         ("body", np.int64, (CONTACT_ROWS,)),
         ("key", np.int64, (CONTACT_ROWS,)),  # identifies a pair across ticks, for warm starts
-        ("point", np.float64, (3, CONTACT_ROWS)),  # on the hand's surface [m], world
-        ("normal", np.float64, (3, CONTACT_ROWS)),  # unit, from the object to the hand, world
+        ("point", np.float64, (3, CONTACT_ROWS)),  # on the hand's surface [m], in the frame of the pose
+        ("normal", np.float64, (3, CONTACT_ROWS)),  # unit, from the object to the hand
         ("straight", np.float64, (3, CONTACT_ROWS)),  # unit vector along which the object is straight; zero for none
         ("distance", np.float64, (CONTACT_ROWS,)),  # signed [m], negative inside
         ("hand_radius", np.float64, (CONTACT_ROWS,)),  # of curvature at the contact [m], infinite on a face

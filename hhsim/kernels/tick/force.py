@@ -36,7 +36,7 @@ FORCES = np.dtype(
     ],
     align=True,
 )
-"""Forces on the hand, world frame."""
+"""Forces on the hand, in the frame of its pose."""
 
 
 @jit_inline

@@ -50,7 +50,7 @@ JOINTS = (FINGER_COUNT, PHALANX_COUNT + 1, 3)
 
 HAPTIC_INPUT = np.dtype(
     [
-        ("joints", np.float64, JOINTS),  # of the sample before the newest [m], world
+        ("joints", np.float64, JOINTS),  # of the sample before the newest [m], in the frame of the pose
         ("motion", np.float64),  # of the joint that moved farthest from that sample to the newest [m]
         ("previous_motion", np.float64),  # the same of the sample before [m]
         ("is_valid", np.bool_),  # the newest sample was finite, and is the haptic hand
@@ -201,7 +201,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("contacts", CONTACTS),
             ("problem", PROBLEM),  # the program
             ("step", STEP),  # the step that solves it
-            ("warm", ACTIVE_CONTACTS),  # contacts with a force in the last program: the next one starts from them
+            ("warm", ACTIVE_CONTACTS),  # contacts with a force in the last program: `progressive` starts from them
             ("active", ACTIVE_CONTACTS),  # contacts with a force at the last accepted step: the forces of the tick
             ("thread_team", THREAD_TEAM),
             ("progressive", PROGRESSIVE_WORK),

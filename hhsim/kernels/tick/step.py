@@ -45,8 +45,8 @@ ACTIVE_CONTACTS = np.dtype(
     [
         ("key", np.int64, (ACTIVE_CAPACITY,)),  # as in the contact records; -1 - i for joint limit i
         ("body", np.int64, (ACTIVE_CAPACITY,)),  # 0 to 15, -1 for a joint limit
-        ("point", np.float64, (3, ACTIVE_CAPACITY)),  # [m], world
-        ("normal", np.float64, (3, ACTIVE_CAPACITY)),  # from the object to the hand, world
+        ("point", np.float64, (3, ACTIVE_CAPACITY)),  # [m], in the frame of the pose
+        ("normal", np.float64, (3, ACTIVE_CAPACITY)),  # from the object to the hand
         ("multiplier", np.float64, (ACTIVE_CAPACITY,)),  # [N], [N·m] for joint limits
         ("count", np.int64),  # how many
     ],

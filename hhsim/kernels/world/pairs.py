@@ -52,12 +52,12 @@ class World(NamedTuple):
     world: NDArray[np.void]  # one record of `kernels.world.state.world_dtype`
     edge_pairs: NDArray[np.void]  # of each pair
     movers: tuple[HandArrays, ...]  # of each hand; then, of several bodies, each as a palm without fingers
-    surfaces: tuple[SurfaceCode, ...]  # of each body; of each hand where parts of a body have lists of their own
+    surfaces: tuple[SurfaceCode, ...]  # of each hand where no body is free, else of each body
     edges: tuple[Edges, ...]  # of each body
     # Machine code by `code_of`, 0 where a scene has none of it, so that a tick is compiled without.
     bodies: int = 0  # what bodies that move add to a tick, `kernels.world.bodies.do_bodies`
     pairs: int = 0  # what further pairs add to a program, `kernels.world.linearisation.write_other_pairs`
-    solving: int = 0  # a program other than `solve_plain`, of `kernels.world.bodies` or `kernels.tick.progressive`
+    solving: int = 0  # in place of `solve_plain`: `solve_free`, `solve_progressive`, or `hhsim.solver.qp.backend_code`
     giving: int = 0  # what comes first where parts have moved, `kernels.parts.tick.give_way`
     given: Any = 0  # address of the parts; where nothing is compiled the parts themselves
     recording: int = 0  # `kernels.world.record.record_bodies`

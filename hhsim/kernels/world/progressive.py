@@ -9,7 +9,7 @@ finger, so there are at most six; standing still is feasible in all of them, and
 `coupled` with the paper's precedence.
 
 A finger with hardly any lever can have a way out that is too long to be taken in one step. A tick in which that leaves
-no acceptable step goes on with the coupled program, see `kernels.tick`.
+no acceptable step goes on with the coupled program, see `kernels.world.tick`.
 """
 
 from hhsim.kernels.contact.linearise import limit_start

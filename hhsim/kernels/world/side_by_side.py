@@ -11,9 +11,11 @@ from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_bool, as_int64, jit, jit_noinline
 from hhsim.kernels.machine_code import call_code
 from hhsim.kernels.memory import copy_values
+from hhsim.kernels.parallel.thread_team import thread_team_cpu_ns
 from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, record_tick, set_haptic
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_INPUT_INVALID, STATUS_NO_PLACE
+from hhsim.kernels.world.columns import States
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.tick import MEASURE, TICK
 
@@ -63,13 +65,21 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
         ask_pairs(alone[h].options.pairs, LOOK, EXACT, 0.0)
 
 
+@jit
+def _cpu_of_both(states: States) -> int:
+    """Compute the CPU time of the calling thread and of both hands' teams [ns]."""
+    teams = thread_team_cpu_ns(states[0].thread_team) + thread_team_cpu_ns(states[1].thread_team)
+    return as_int64(teams - thread_cpu_ns())
+
+
 @jit_noinline
 def _tick_alone(alone: World, qp: QpWork, code: int, i: int, haptic: HapticBlock, record: TickRecord) -> None:
     """Make a hand's own tick, and write its row of the record."""
-    cpu, wall, state = thread_cpu_ns(), monotonic_ns(), alone.states[0]
+    state, wall = alone.states[0], monotonic_ns()
+    cpu = thread_team_cpu_ns(state.thread_team)
     status = set_haptic(alone.movers[0], haptic, i, state)
     call_code(code, (alone, qp, as_int64(TICK)))
-    wall, cpu = monotonic_ns() - wall, thread_cpu_ns() - cpu
+    wall, cpu = monotonic_ns() - wall, thread_team_cpu_ns(state.thread_team) - cpu
     record_tick(state, status | alone.world[0].status[0], wall, cpu, i, record)
 
 
@@ -90,7 +100,7 @@ def run_hands_apart(
     """
     world, states = method.world[0], method.states
     for i in range(haptic[0].position.shape[0]):
-        began, cpu = monotonic_ns(), thread_cpu_ns()
+        began, cpu = monotonic_ns(), _cpu_of_both(states)
         by_itself = parts_move or not world.is_near
         for h in range(2):
             if by_itself:
@@ -104,6 +114,7 @@ def run_hands_apart(
             looked = monotonic_ns() - looked
             for h in range(2):
                 record[h].duration_total[i] += looked
+                # It waits for nothing, and to read the clock of CPU time takes as long.
                 record[h].duration_cpu[i] += looked
             if said & STATUS_CAPACITY_EXCEEDED:
                 return i + 1
@@ -115,7 +126,7 @@ def run_hands_apart(
             call_code(code, (method, qp, as_int64(MEASURE)))
             world.hand_pairs.count = 0
         _tick_of_both(alone, method, parts_move, qp, code)
-        wall, cpu = monotonic_ns() - began, thread_cpu_ns() - cpu
+        wall, cpu = monotonic_ns() - began, _cpu_of_both(states) - cpu
         for h in range(2):
             record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])
         if (world.status[0] | world.status[1]) & STATUS_CAPACITY_EXCEEDED:
