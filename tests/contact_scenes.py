@@ -10,7 +10,7 @@ from sphere_scenes import PALM, cloud, random_hand, set_pose, tick_state
 from hhsim.arrays import FloatArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import Reach, evaluate, find_contacts
+from hhsim.kernels.contact.detection import ListDistances, evaluate, find_contacts
 from hhsim.kernels.hand.kinematics import DOF
 from hhsim.kernels.hand.pose import HAND_POSE
 from hhsim.solver.method import surface_of
@@ -68,7 +68,7 @@ def in_contact(hand: HandModel, surface: Any, at: HandConfiguration, reach: floa
     """The state of a tick at a place, its contacts within a reach [m] of any surface found."""
     state, arrays = tick_state(ROOT**2, surface=surface_of(surface)), hand.arrays()
     set_pose(hand, state.pose, at)
-    assert evaluate(arrays, state.pose, surface, Reach(reach, reach, skin), state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, surface, ListDistances(reach, reach, skin), state.candidates, state.work) == 0
     assert find_contacts(surface, arrays, state.pose, state.candidates, reach, state.contacts) == 0
     return state
 

@@ -17,7 +17,7 @@ from hhsim.arrays import FloatArray, IntArray
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import Reach, evaluate_surface
+from hhsim.kernels.contact.detection import ListDistances, evaluate_surface
 from hhsim.kernels.contact.surface import Surface
 from hhsim.kernels.hand.pose import update_kinematics
 from hhsim.kernels.round_cone import Spheres
@@ -151,12 +151,17 @@ def prepared(solver: HandSolver, motion: HandConfiguration, tick: int) -> int:
     assert set_haptic(solver.workspace.hand, HapticBlock(*motion), tick, state) == 0
     begin_tick(options, state)
     state.trust.reach = options.margin
-    state.program.is_relaxed = False
+    state.fallback.is_relaxed = False
     hand, surface = solver.workspace.hand, solver.workspace.code
     # Whole lists, as a tick has them made where its step goes beyond those that wait.
     state.candidates.allowed_deficit = 0.0
     evaluate_surface(
-        hand, state.pose, surface, Reach(options.margin, options.margin, options.skin), state.candidates, state.work
+        hand,
+        state.pose,
+        surface,
+        ListDistances(options.margin, options.margin, options.skin),
+        state.candidates,
+        state.work,
     )
     return int(prepare(engine_of(solver).method, 0.0, state))
 
@@ -170,7 +175,7 @@ def engine_of(solver: HandSolver) -> WorldEngine:
 def solve_prepared(solver: HandSolver) -> int:
     """Solve the prepared program by the solver's method; the step is in the state. Returns the kernel's status."""
     engine, state = engine_of(solver), solver.workspace.states[0]
-    state.program.is_coupled = False  # as harvested, a tick may have given up on palm and fingers apart
+    state.fallback.is_coupled = False  # as harvested, a tick may have given up on palm and fingers apart
     return int(solve_with_pairs(engine.method, 1, False, state, engine.qp))
 
 

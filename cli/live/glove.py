@@ -261,7 +261,7 @@ def command(
         check_result_path(record)
     print_notes(mesh.warnings, prefix="warning")
     with progress(quiet=session.quiet) as report:
-        bodies, notes = loaded.grown(report)
+        bodies, notes = loaded.with_trees(report)
         other = grasping_hand(models[0], bodies.tree, motions[0]) if two else None
         scenes = []
         for i, (own, (device, palm, motion)) in enumerate(worn):

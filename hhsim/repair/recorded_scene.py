@@ -25,7 +25,7 @@ from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand, moved_joints
 from hhsim.scene.declared_bodies import DeclaredBodies
 from hhsim.scene.scene import Hand, Scene
-from hhsim.solver.scene_solver import SeenScene, seen_scene
+from hhsim.solver.scene_solver import EngineScene, engine_scene
 from hhsim.trees.contact_surface import contact_surface
 
 
@@ -34,7 +34,7 @@ class RecordedScene:
     """Recorded hand beside its object."""
 
     scene: Scene  # object, hand and frames; a tick is a frame
-    seen: SeenScene  # the same as the object sees it
+    seen: EngineScene  # the same as the object sees it
     frames: IntArray  # samples of the recording with a whole hand and a known object, shape (F,)
     joints: FloatArray  # recorded joints in these frames as the object sees them [m], shape (F, 21, 3)
     moved: RigidMotion | None  # motion of the object since the first frame; None if it stands still
@@ -157,7 +157,7 @@ def recorded_scene(
     )
     bodies = bodies.begun(float(time[0]) + recording.first_stamp - began)
     scene = Scene((Hand(hand, trajectory, given),), bodies.placed(given, trajectory), {"object_name": bodies.name})
-    seen = seen_scene(scene)
+    seen = engine_scene(scene)
     if recording.joints is None:
         joints = model_joints(hand, seen.haptic[0])
     else:

@@ -23,7 +23,7 @@ from hhsim.scene.body import JOINT_BOUNDS, Body, BodyMotion, Driven, Fixed, Free
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SeenScene
+from hhsim.solver.scene_solver import EngineScene
 from hhsim.system.settings_file import typed
 
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"
@@ -51,7 +51,7 @@ def body_name(name: str) -> str:
     return name.replace("/", "-").strip(".") or "object"
 
 
-def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
+def body_parts(scene: Scene, seen: EngineScene) -> dict[str, StoredBody]:
     """Return the bodies of a scene's file by their names, mesh and tree in the world where `place` has its frame.
 
     Where one of several is free each has its properties; else a joint that its values drive has them.
@@ -83,7 +83,7 @@ def body_parts(scene: Scene, seen: SeenScene) -> dict[str, StoredBody]:
 
 
 def describe_scene(
-    seen: SeenScene, hand: HandModel, options: SolverOptions, bodies: Mapping[str, StoredBody]
+    seen: EngineScene, hand: HandModel, options: SolverOptions, bodies: Mapping[str, StoredBody]
 ) -> dict[str, Any]:
     """Return the description of a scene for the result's file as plain values."""
     palm, leaves = hand.palm_tree.leaf_count, seen.tree.leaf_count

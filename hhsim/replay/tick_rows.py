@@ -21,7 +21,7 @@ from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SeenScene, seen_hand
+from hhsim.solver.scene_solver import EngineScene, seen_hand
 from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class SceneRows:
 
     def __init__(
         self,
-        seen: SeenScene,
+        seen: EngineScene,
         hands: Sequence[HandModel],
         surfaces: Sequence[ContactSurface],
         options: SolverOptions,
@@ -152,7 +152,7 @@ class SceneRows:
 
 
 def body_rows(
-    seen: SeenScene, free: "tuple[WorldRecord, WorldRecord | None] | None", names: Sequence[str], ticks: slice
+    seen: EngineScene, free: "tuple[WorldRecord, WorldRecord | None] | None", names: Sequence[str], ticks: slice
 ) -> dict[str, Columns]:
     """Return the rows of all bodies by their groups in the file; `free` as of `SceneRows.block`.
 

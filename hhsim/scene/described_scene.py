@@ -129,7 +129,7 @@ class LoadedWords:
         sides: tuple[Side | None, ...] = SIDES if words.hand == "both" else (words.hand,)
         return [hand_of(motion, side, words.hand_file) for motion, side in zip(self.motions, sides)]
 
-    def grown(self, report: Progress = silent) -> tuple[DeclaredBodies, tuple[str, ...]]:
+    def with_trees(self, report: Progress = silent) -> tuple[DeclaredBodies, tuple[str, ...]]:
         """Return the bodies with their trees, and notes on the choice."""
         words, notes = self.words, list[str]()
 
@@ -150,7 +150,7 @@ class LoadedWords:
 
     def placed(self, fingers: Sequence[str] = FINGERS, report: Progress = silent) -> PlacedScene:
         """Grow the trees and make the scene, for hands that use some fingers; errors as `load_words`."""
-        bodies, notes = self.grown(report)
+        bodies, notes = self.with_trees(report)
         placed = described_scene(self.words, bodies, self.hands, self.motions, fingers)
         return replace(placed, scene=self.freed(placed.scene), notes=notes)
 

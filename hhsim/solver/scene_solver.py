@@ -42,7 +42,7 @@ STRAY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class SeenScene:
+class EngineScene:
     """A scene in the frame of its engine, which is the world's at the first tick.
 
     Attributes:
@@ -77,8 +77,8 @@ class SeenScene:
         return contact_surface(kind, self.mesh, self.tree)
 
 
-def seen_scene(scene: Scene) -> SeenScene:
-    """Return a scene as its engine sees it."""
+def engine_scene(scene: Scene) -> EngineScene:
+    """Return a scene in its engine's frame: that of an object that moves as recorded, else the world's."""
     solids, first = list(scene.solids), scene.hands[0]
     given = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
     moves = [body for body in solids if body.is_free]
@@ -92,7 +92,7 @@ def seen_scene(scene: Scene) -> SeenScene:
         planes = [body for body in scene.bodies if isinstance(body, HalfSpace)]
         mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
         parts = _free_parts(scene, solids) if len(solids) > 1 else None
-        return SeenScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
+        return EngineScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
     carrier = first.ticks.object_motion
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
@@ -100,7 +100,7 @@ def seen_scene(scene: Scene) -> SeenScene:
     if len(solids) == 1:
         haptic = tuple(seen_hand(hand, moved) for hand in given)
         mesh = replace(body.placed_mesh, name=scene.name)
-        return SeenScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
+        return EngineScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
     world = [_poses(one, scene.ticks.tick_count) for one in solids]
     values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
     joints = {name: of for name, of in values.items() if of is not None}
@@ -113,7 +113,7 @@ def seen_scene(scene: Scene) -> SeenScene:
     shapes = tuple(one.name for one in solids), tuple(one.mesh for one in solids), tuple(one.tree for one in solids)
     parts = MovingParts(scene.name, *shapes, poses, joints, moved)
     haptic = tuple(seen_hand(hand, moved) for hand in given)
-    return SeenScene(mesh, tree, place, carrier, haptic, None, parts)
+    return EngineScene(mesh, tree, place, carrier, haptic, None, parts)
 
 
 def seen_hand(hand: HandConfiguration, moved: RigidMotion | None) -> HandConfiguration:
@@ -161,8 +161,8 @@ def keeps_hands_apart(options: SolverOptions) -> bool:
 class WorldSolver:
     """Keeps hands between ticks, and what moves freely with them.
 
-    Where something is free all move by one program. Else each hand's ticks are those that it has alone, but for those
-    in which two might have met: these are made by one program of both. Methods that promise no distance to the object,
+    If a body is free, all hands and bodies share one program. Otherwise each hand is solved alone, and ticks in which
+    two hands might have met are solved again together. Methods that promise no distance to the object,
     and other QP solvers, keep no two hands apart.
 
     Args:
@@ -312,7 +312,7 @@ class SceneSolver(WorldSolver):
 
     def __init__(self, scene: Scene, options: SolverOptions) -> None:
         self.scene = standing_apart(scene, options.surface)
-        self.seen = seen_scene(self.scene)
+        self.seen = engine_scene(self.scene)
         self.options = options.at_rate(scene.ticks.rate)
         kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
         jointed = self.seen.parts is not None and free is None

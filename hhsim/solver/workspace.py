@@ -16,7 +16,14 @@ from hhsim.arrays import BoolArray, FloatArray
 from hhsim.errors import HhsimError, InputError
 from hhsim.hand.model import HandModel
 from hhsim.kernels.by_reference import Reference, write_rows
-from hhsim.kernels.contact.detection import CONTACT_ROWS, Reach, SurfaceCode, count_pairs, evaluate, find_contacts
+from hhsim.kernels.contact.detection import (
+    CONTACT_ROWS,
+    ListDistances,
+    SurfaceCode,
+    count_pairs,
+    evaluate,
+    find_contacts,
+)
 from hhsim.kernels.contact.linearise import ROW_CAPACITY
 from hhsim.kernels.contact.surface import seen_as
 from hhsim.kernels.hand.kinematics import DOF, HandArrays
@@ -48,7 +55,7 @@ def surface_code(arrays: Any, hand: HandArrays, state_dtype: np.dtype[Any]) -> t
     state = np.empty(1, state_dtype).view(np.recarray)[0]
     written = write_rows([arrays])
     return written, SurfaceCode(
-        code_of(evaluate, hand, state.pose, arrays, Reach(0.0, 0.0, 0.0), state.candidates, state.work),
+        code_of(evaluate, hand, state.pose, arrays, ListDistances(0.0, 0.0, 0.0), state.candidates, state.work),
         code_of(find_contacts, arrays, hand, state.pose, state.candidates, 0.0, state.contacts),
         code_of(count_pairs, arrays, hand, state.candidates, 0.0),
         written.ctypes.data,

@@ -27,7 +27,7 @@ from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.scene.body import Body, Fixed
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import engine_scene
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, add_inertial, hand_mjcf, joint_angles, numbers
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.system.settings_file import typed
@@ -46,7 +46,7 @@ OBJECT = "object"
 
 def scene_digest(scene: Scene) -> str:
     """Return the SHA-256 [hex] of bodies, hands, motions and rate, numbers rounded to `ROUNDED` decimals."""
-    seen, bodies = seen_scene(scene), scene_bodies(scene)
+    seen, bodies = engine_scene(scene), scene_bodies(scene)
     parts: list[AnyArray] = [seen.mesh.vertices, seen.mesh.faces]
     for hand, haptic in zip((each.model for each in scene.hands), seen.haptic):
         parts += [hand.base, hand.distal, hand.dorsal, hand.length, hand.radius]
@@ -118,7 +118,7 @@ class SceneBody(NamedTuple):
 
 def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
     """Return position [m] and orientation at each tick, (T, 7), of driven bodies, by name."""
-    if (parts := seen_scene(scene).parts) is None:
+    if (parts := engine_scene(scene).parts) is None:
         return {}
     driven = {name: np.hstack([motion.shift, motion.turn]) for name, motion in parts.driven.items()}
     return driven if parts.free else dict(zip(parts.names, parts.path.swapaxes(0, 1)))
@@ -126,7 +126,7 @@ def recorded_poses(scene: Scene) -> dict[str, FloatArray]:
 
 def scene_bodies(scene: Scene) -> list[SceneBody]:
     """Return the one body as the object, or several bodies."""
-    seen, first = seen_scene(scene), {name: poses[0] for name, poses in recorded_poses(scene).items()}
+    seen, first = engine_scene(scene), {name: poses[0] for name, poses in recorded_poses(scene).items()}
     if (parts := seen.parts) is None:
         return [SceneBody(OBJECT, seen.mesh, seen.tree, body=seen.free)]
     bodies = {body.name: body for body in scene.solids} if seen.free else {}
@@ -156,7 +156,7 @@ def scene_mjcf(scene: Scene) -> str:
         Xml.SubElement(model, "include", file=f"{prefix}hand.xml")
     assets, world, contact = (Xml.SubElement(model, tag) for tag in ("asset", "worldbody", "contact"))
     bodies, taken, start = scene_bodies(scene), set[str](), list[float]()
-    for prefix, haptic in zip(hand_prefixes(scene), seen_scene(scene).haptic, strict=True):
+    for prefix, haptic in zip(hand_prefixes(scene), engine_scene(scene).haptic, strict=True):
         pose = haptic.at(0)
         taken |= {f"{prefix}{name}" for name in (*BODIES, *JOINTS)}
         start += [*pose.position, *pose.orientation, *joint_angles(pose.flexion, pose.abduction)]
@@ -244,7 +244,7 @@ def write_scene_folder(scene: Scene, folder: Path) -> str:
     check_scene_folder(folder)
     digest, prefixes = scene_digest(scene), hand_prefixes(scene)
     ticks = scene.ticks
-    bodies, parts = scene_bodies(scene), seen_scene(scene).parts
+    bodies, parts = scene_bodies(scene), engine_scene(scene).parts
     description = {
         "format": "hhsim-scene",
         "scene": digest,
@@ -305,7 +305,7 @@ def _driven_poses(scene: Scene, joints: Mapping[str, FloatArray]) -> str:
 
 def example_submission(scene: Scene) -> Submission:
     """Return the users' own hands, which penetrate the bodies, as a submission in which free bodies stay."""
-    seen, count = seen_scene(scene), scene.ticks.tick_count
+    seen, count = engine_scene(scene), scene.ticks.tick_count
     still = ObjectMotion(np.zeros((count, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
     made = None
     for hand, haptic in zip(reversed(scene.hands), reversed(seen.haptic), strict=True):

@@ -39,7 +39,7 @@ from hhsim.solver.hand_solver import best_hands
 from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
-from hhsim.solver.scene_solver import SceneSolver, SeenScene, seen_hand, seen_scene
+from hhsim.solver.scene_solver import EngineScene, SceneSolver, engine_scene, seen_hand
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, free_bodies, named_scene, scene_digest, scene_names, scene_title
@@ -114,7 +114,7 @@ def require_scene(submission: Submission, scene: Scene) -> None:
 
 def suspicions(submission: Submission, scene: Scene) -> tuple[str, ...]:
     """Describe probable mistakes in poses, forces and times of a submission of this scene, a line each."""
-    seen, sides = seen_scene(scene), [hand.model.side for hand in scene.hands]
+    seen, sides = engine_scene(scene), [hand.model.side for hand in scene.hands]
     found = [*_body_mistakes(submission)]
     moved = shown_scene(scene, submission)
     for side, hand, shown, user in zip(sides, scene.hands, submission.hands, seen.haptic):
@@ -250,7 +250,7 @@ def _gap(one: FloatArray, other: FloatArray) -> float:
     return float(np.maximum(one[0] - other[1], other[0] - one[1]).max())
 
 
-def _mesh_depth(seen: SeenScene, hand: HandModel, placed: PlacedHand) -> float:
+def _mesh_depth(seen: EngineScene, hand: HandModel, placed: PlacedHand) -> float:
     """Return the largest depth of a hand in the bodies that enclose a space [m]; NaN where none does."""
     every = Bodies.of(seen.parts or seen.mesh)
     solid = [encloses(mesh) for mesh in every.meshes]
@@ -259,7 +259,7 @@ def _mesh_depth(seen: SeenScene, hand: HandModel, placed: PlacedHand) -> float:
 
 
 def _off_best(
-    seen: SeenScene, hand: HandModel, haptic: HandConfiguration, options: SolverOptions, placed: PlacedHand
+    seen: EngineScene, hand: HandModel, haptic: HandConfiguration, options: SolverOptions, placed: PlacedHand
 ) -> tuple[float, float]:
     if seen.parts is not None:
         # Where bodies move in the frame there is no one surface to be outside of.
@@ -392,7 +392,7 @@ def score(
     require_scene(submission, scene)
     doubts = suspicions(submission, scene)
     digest, shown = scene_digest(scene), shown_scene(scene, submission)
-    seen = seen_scene(shown)
+    seen = engine_scene(shown)
     # Beside what is free poses are in the world; the shown scene may go along with a body.
     given = submission
     if seen.carrier and submission.bodies:

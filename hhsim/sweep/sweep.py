@@ -202,7 +202,7 @@ def _scene(key: _SceneKey) -> Scene:
     cell = key.cell
     try:
         loaded = cell.load()
-        bodies, _ = loaded.grown()
+        bodies, _ = loaded.with_trees()
         return described_scene(cell.words(), bodies, loaded.hands, loaded.motions, cell.solver_options().fingers).scene
     finally:
         # What is raised here is not kept as the scene of these files.
@@ -287,7 +287,7 @@ def prepare(cells: Sequence[Cell], progress: Progress = silent) -> None:
             if place < len(kinds):
                 warm_up(loaded.hands[0], cell.solver_options())
             else:
-                loaded.grown()
+                loaded.with_trees()
         except HhsimError:
             continue
 

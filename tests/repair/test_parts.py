@@ -41,7 +41,7 @@ from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, tree_maker
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import engine_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.mesh_distance import TrueSurface
@@ -71,7 +71,7 @@ def laptop() -> Scene:
 
 
 def time_and_angles() -> tuple[FloatArray, FloatArray]:
-    parts = seen_scene(laptop()).parts
+    parts = engine_scene(laptop()).parts
     return np.asarray(0.1 * np.arange(len(TICKS))), parts.values["lid"][TICKS]
 
 

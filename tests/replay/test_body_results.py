@@ -34,7 +34,7 @@ from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, open_scene, require_one_object, tree_maker
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, seen_scene
+from hhsim.solver.scene_solver import SceneSolver, engine_scene
 from hhsim.verify.free_object_checks import free_claims
 
 MESH = SolverOptions(surface="mesh")
@@ -127,7 +127,7 @@ def changed(result: Result, folder: Path, dataset: str, row: int, add: float) ->
 
 
 def test_a_result_holds_the_parts_and_runs_again_to_the_bit(scene: Scene, result: Result, tmp_path: Path) -> None:
-    parts = seen_scene(scene).parts
+    parts = engine_scene(scene).parts
     assert parts is not None and result.ticks == PARTS_TICKS
     assert list(result.bodies) == ["base", "lid"]
     assert np.array_equal(result[f"{LID}/joint"], parts.values["lid"])

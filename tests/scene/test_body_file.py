@@ -19,7 +19,7 @@ from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import engine_scene
 
 TWO = """
 [[body]]
@@ -59,7 +59,7 @@ def test_a_file_of_bodies_makes_a_scene_of_all_of_them(tmp_path: Path) -> None:
     np.testing.assert_allclose(wall.placed_mesh.bounds, [[0.15, -0.05, 0.0], [0.25, 0.05, 0.1]], atol=1e-12)
     np.testing.assert_array_equal(wall.mesh.bounds, [[-0.05] * 3, [0.05] * 3])
     assert scene.plane is not None and scene.plane.height == pytest.approx(0.0, abs=1e-6)
-    seen = seen_scene(scene)
+    seen = engine_scene(scene)
     assert seen.free is peg and seen.others == (wall, scene.plane)
     assert seen.parts is not None and seen.parts.names == ("peg", "wall") and seen.parts.free
     assert wall.solid.mass == pytest.approx(1.0)
@@ -83,7 +83,7 @@ def test_what_is_free_need_not_come_first_and_places_are_those_of_its_bearer(tmp
     assert (wall.name, peg.name) == ("wall", "peg") and peg.joint is not None
     np.testing.assert_allclose(peg.position, [0.2 - 0.2 * np.cos(0.5), -0.2 * np.sin(0.5), 0.08], atol=1e-12)
     np.testing.assert_allclose(peg.joint.origin, wall.position, atol=1e-12)
-    seen = seen_scene(scene)
+    seen = engine_scene(scene)
     assert seen.parts is not None and seen.parts.names == ("peg", "wall") and seen.free is not None
     assert seen.free.limits == pytest.approx((-1.5, 0.1))
 
@@ -139,7 +139,7 @@ def test_the_catalogue_has_bodies_that_open_and_close_and_others_that_are_free()
 
 def test_bodies_are_where_their_joints_bring_them_in_the_scene() -> None:
     scene = open_scene("laptop", "open", solid=False, level=2)
-    seen = seen_scene(scene)
+    seen = engine_scene(scene)
     parts = seen.parts
     lid = parts.values["lid"]
     assert parts.path.shape == (scene.ticks.tick_count, 2, 7)

@@ -25,7 +25,7 @@ from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
 from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import engine_scene
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
 
@@ -276,7 +276,7 @@ MICROMETRE = 1e-6
 def test_a_laptop_whose_lid_stands_still_gives_the_ticks_of_its_rigid_twin(surface: str) -> None:
     closed = structs.replace(resolve_trajectory("close"), joints={"lid": ((0.0, 1.92),)})
     scene = open_scene("laptop", closed, solid=surface == "spheres", level=3 if surface == "spheres" else 1).first(1500)
-    seen, options = seen_scene(scene), SolverOptions(surface=surface)
+    seen, options = engine_scene(scene), SolverOptions(surface=surface)
     haptic = HandConfiguration.of(scene.hands[0].ticks)
     parts = HandSolver(scene.hands[0].model, seen.surface(surface), options).run(*haptic)
     twin = HandSolver(scene.hands[0].model, contact_surface(surface, seen.mesh, seen.tree), options).run(*haptic)

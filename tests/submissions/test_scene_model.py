@@ -25,7 +25,7 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import seen_scene
+from hhsim.solver.scene_solver import engine_scene
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, capsules, hand_mjcf, joint_angles
 from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
 
@@ -128,7 +128,7 @@ def replayed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 @pytest.mark.quick("drawer")
 def test_a_joint_of_the_model_moves_a_body_as_a_run_of_hhsim_does(replayed: tuple[Scene, Path, Result]) -> None:
     scene, folder, result = replayed
-    at, parts = Model(folder), seen_scene(scene).parts
+    at, parts = Model(folder), engine_scene(scene).parts
     joints = {body.name: body.free_joint for body in scene.solids if body.free_joint}
     ((moving, joint),) = joints.items()
     moved = []
@@ -244,7 +244,7 @@ def part_poses(folder: Path, names: tuple[str, ...]) -> tuple[list[dict[str, str
 def test_parts_that_move_as_recorded_follow_their_file(tmp_path: Path) -> None:
     scene = open_scene("laptop", "open", level=1, rate=200.0)
     write_scene_folder(scene, tmp_path / "s")
-    parts = seen_scene(scene).parts
+    parts = engine_scene(scene).parts
     rows, poses = part_poses(tmp_path / "s", parts.names)
     assert len(rows) == scene.ticks.tick_count
     # Bit for bit what a result of the same scene holds.

@@ -91,7 +91,7 @@ def follow_motion(hand: HandArrays, pose: Record, candidates: Record) -> None:
         candidates.slack_change[body] = abs(candidates.slack[body] - before)
 
 
-class Reach(NamedTuple):
+class ListDistances(NamedTuple):
     """Distances up to which pairs are to be known [m]."""
 
     needed: float  # now, less the allowed deficit
@@ -109,7 +109,7 @@ it takes more than LASTS evaluations to move as far again: a fresh list has fewe
 
 
 @jit_inline
-def choose_gathers(reach: Reach, candidates: Record, work: Indices) -> None:
+def choose_gathers(reach: ListDistances, candidates: Record, work: Indices) -> None:
     """Mark the bodies to gather: those that must be; if none must, at most one ahead of need, due soonest or slow.
 
     Otherwise bodies that move together would be gathered in one tick, which would take many times as long as others. A
@@ -142,7 +142,7 @@ def choose_gathers(reach: Reach, candidates: Record, work: Indices) -> None:
 
 @generic
 def evaluate_pairs(
-    surface: Any, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
+    surface: Any, hand: HandArrays, pose: Record, reach: ListDistances, candidates: Record, work: Indices
 ) -> int:
     """Do what `evaluate` says for a kind of surface; those that declare nothing are one rigid piece."""
 
@@ -150,7 +150,7 @@ def evaluate_pairs(
 @evaluate_pairs.of(object)
 @jit_inline
 def evaluate_rigid(
-    surface: Any, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
+    surface: Any, hand: HandArrays, pose: Record, reach: ListDistances, candidates: Record, work: Indices
 ) -> int:
     """Do what `evaluate` says for a surface that is rigid."""
     follow_motion(hand, pose, candidates)
@@ -180,7 +180,9 @@ def evaluate_rigid(
 
 
 @jit_noinline
-def evaluate(hand: HandArrays, pose: Record, surface: Any, reach: Reach, candidates: Record, work: Indices) -> int:
+def evaluate(
+    hand: HandArrays, pose: Record, surface: Any, reach: ListDistances, candidates: Record, work: Indices
+) -> int:
     """Compute the distances of all near pairs at `pose`, whose kinematics are up to date; return 0, or FULL.
 
     Bodies whose slack is used up are gathered. Node tests, pair tests and gathers are counted in `work`.
@@ -239,7 +241,7 @@ class SurfaceCode(NamedTuple):
 
 @jit_noinline
 def evaluate_surface(
-    hand: HandArrays, pose: Record, surface: SurfaceCode, reach: Reach, candidates: Record, work: Indices
+    hand: HandArrays, pose: Record, surface: SurfaceCode, reach: ListDistances, candidates: Record, work: Indices
 ) -> int:
     """Do what `evaluate` does."""
     return call_code(surface.evaluating, (hand, pose, surface.arrays, reach, candidates, work[:]))

@@ -445,7 +445,7 @@ def row_rest(offset: float, states: Any, hands: int, row: int, rows: Record) -> 
     A row keeps the offset; relaxed, what is nearer may stay as near as it is.
     """
     distance = rows.distance[row]
-    relaxed = states[0].program.is_relaxed and distance >= 0.0
+    relaxed = states[0].fallback.is_relaxed and distance >= 0.0
     rest = (min(offset, distance) if relaxed else offset) - distance
     for h in range(hands):
         for f in range(FINGER_COUNT):

@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference, declare_row
-from hhsim.kernels.contact.detection import Reach, evaluate_pairs, evaluate_rigid
+from hhsim.kernels.contact.detection import ListDistances, evaluate_pairs, evaluate_rigid
 from hhsim.kernels.contact.surface import (
     SHARED_CANDIDATES,
     at_distance,
@@ -261,7 +261,7 @@ def _see_hand(pose: Record, part: Record) -> None:
 @evaluate_pairs.of(JointedSurface)
 @jit_inline
 def _evaluate(
-    surface: JointedSurface, hand: HandArrays, pose: Record, reach: Reach, candidates: Record, work: Indices
+    surface: JointedSurface, hand: HandArrays, pose: Record, reach: ListDistances, candidates: Record, work: Indices
 ) -> int:
     status = 0
     candidates.needed = reach.needed

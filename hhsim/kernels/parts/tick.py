@@ -176,8 +176,8 @@ def _squeeze(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> bo
 def _bear(method: World, state: Record, qp: QpWork) -> bool:
     """Let a squeezed hand follow its user where no depth grows, and compute the forces that bear it there.
 
-    They are those of the coupling alone: what squeezes the hand is given, and presses as hard as one likes. Returns
-    whether all pairs fit into the arrays.
+    The forces are those of the coupling alone: the recorded part is not limited in force. Returns whether all pairs fit
+    into the arrays.
     """
     copy_configuration(state.pose, state.safe)
     depth = least_distance(state)
@@ -202,9 +202,9 @@ def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
     state.step.lap = began = monotonic_ns()
-    radius, program, status = trust.radius, state.program, 0
-    coupled, relaxed = program.is_coupled, program.is_relaxed
-    world.stays, program.is_relaxed, program.is_coupled = True, True, True
+    radius, fallback, status = trust.radius, state.fallback, 0
+    coupled, relaxed = fallback.is_coupled, fallback.is_relaxed
+    world.stays, fallback.is_relaxed, fallback.is_coupled = True, True, True
     for i in range(max(steps, 1)):
         if steps > 0:
             move_parts(parts, 1.0 / (steps - i))
@@ -219,7 +219,7 @@ def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -
             status = STATUS_CAPACITY_EXCEEDED
             break
         status = 0 if least_distance(state) >= 0.0 else STATUS_NO_PLACE
-    world.stays, program.is_relaxed, program.is_coupled, trust.radius = False, relaxed, coupled, radius
+    world.stays, fallback.is_relaxed, fallback.is_coupled, trust.radius = False, relaxed, coupled, radius
     if status == 0:
         for p in range(parts.path.shape[1]):
             parts.part[p].yields = 0

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hhsim.kernels.contact.detection import Reach, SurfaceCode, evaluate_surface, pairs_near
+from hhsim.kernels.contact.detection import ListDistances, SurfaceCode, evaluate_surface, pairs_near
 from hhsim.kernels.contact.surface import COUNT_NODE_TESTS, COUNT_PAIR_TESTS
 from hhsim.kernels.hand.kinematics import BODY_COUNT, HandArrays, motion_bounds
 from hhsim.kernels.hand.pose import copy_configuration, update_kinematics
@@ -52,7 +52,7 @@ def evaluate_pose(hand: HandArrays, surface: SurfaceCode, options: TickOptions, 
     # A reach exceeds the step that is expected. Lists that vouch for that step may wait for a tick that makes no other;
     # where a hand's own step turns out longer, `complete_lists` gathers them.
     candidates.allowed_deficit = needed - max(options.listed, needed / REACH_PACE)
-    status = evaluate_surface(hand, pose, surface, Reach(needed, margin, options.skin), candidates, state.work)
+    status = evaluate_surface(hand, pose, surface, ListDistances(needed, margin, options.skin), candidates, state.work)
     state.progress.pairs_overflow = status != 0
     return status == 0
 
@@ -78,7 +78,7 @@ def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions,
     if not beyond:
         return False
     candidates.allowed_deficit = 0.0
-    reached = Reach(candidates.needed, options.margin, options.skin)
+    reached = ListDistances(candidates.needed, options.margin, options.skin)
     state.progress.pairs_overflow = evaluate_surface(hand, state.pose, surface, reached, candidates, state.work) != 0
     return not state.progress.pairs_overflow
 
@@ -137,7 +137,7 @@ def look_at(hand: HandArrays, surface: SurfaceCode, options: TickOptions, states
     pose, candidates, work = state.pose, state.candidates, state.work
     update_kinematics(hand, pose)
     status = evaluate_surface(
-        hand, pose, surface, Reach(options.margin, options.margin, options.skin), candidates, work
+        hand, pose, surface, ListDistances(options.margin, options.margin, options.skin), candidates, work
     )
     work[:] = 0
     work[WORK_BODIES], work[WORK_CANDIDATES] = pairs_near(surface, hand, candidates, options.margin)

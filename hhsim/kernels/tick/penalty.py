@@ -23,7 +23,7 @@ from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.clock import monotonic_ns
 from hhsim.kernels.contact.detection import (
     CONTACT_ROWS,
-    Reach,
+    ListDistances,
     SurfaceCode,
     evaluate_surface,
     find_surface_contacts,
@@ -86,11 +86,14 @@ PENALTY_STATE = np.dtype(
 def _evaluate(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     margin, candidates = options.margin, state.candidates
-    if evaluate_surface(hand, state.pose, surface, Reach(margin, margin, options.skin), candidates, state.work) == 0:
+    if (
+        evaluate_surface(hand, state.pose, surface, ListDistances(margin, margin, options.skin), candidates, state.work)
+        == 0
+    ):
         return True
     reach = 0.0
     for _ in range(DEPTHS):
-        if evaluate_surface(hand, state.pose, surface, Reach(reach, reach, 0.0), candidates, state.work) == 0:
+        if evaluate_surface(hand, state.pose, surface, ListDistances(reach, reach, 0.0), candidates, state.work) == 0:
             return True
         reach = 2.0 * reach - margin
     return False
@@ -319,7 +322,7 @@ def _tick(method: Penalty, hand: HandArrays, surface: SurfaceCode, state: Record
     problem, contacts = state.problem, state.contacts
     status = 0 if _find(hand, surface, options, state) else STATUS_CAPACITY_EXCEEDED
     _aim(hand, penalty, state, work)
-    build_rows(hand, state.pose, contacts, 0.0, state.program.is_relaxed, problem.abduction_step[:], problem)
+    build_rows(hand, state.pose, contacts, 0.0, state.fallback.is_relaxed, problem.abduction_step[:], problem)
     _springs(penalty, contacts, problem.rhs, work)
     count, near = contacts.start[FINGER_COUNT + 1], as_int64(0)
     for body in range(BODY_COUNT):

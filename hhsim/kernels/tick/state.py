@@ -105,7 +105,7 @@ PROGRESS = np.dtype(
 )
 """Progress of a tick."""
 
-PROGRAM = np.dtype(
+FALLBACK = np.dtype(
     [
         ("is_relaxed", np.bool_),  # the clearance is waived: nearer contacts may stay as near as they are
         ("holds_abduction", np.bool_),  # the abduction stays as it is
@@ -113,7 +113,7 @@ PROGRAM = np.dtype(
     ],
     align=True,
 )
-"""Kind of this tick's programs, made easier after each program without a solution."""
+"""Relaxations of this tick's programs, in force after a program without a solution."""
 
 FIRST_STEP = np.dtype(
     [
@@ -215,7 +215,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("prediction", PREDICTION),
             ("trust", TRUST),
             ("progress", PROGRESS),
-            ("program", PROGRAM),
+            ("fallback", FALLBACK),
             ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),  # see `kernels.tick.tick`
             ("meeting", MEETING),  # of its parts with others, see `kernels.contact.hand_pairs`

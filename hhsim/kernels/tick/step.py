@@ -75,7 +75,7 @@ def take_multipliers(qp: QpWork, solution: Record) -> None:
 
 @jit
 def bear_contacts(contacts: Record, first: int, last: int, loaded: Record, active: Record) -> None:
-    """Remember the contacts of rows `first` to `last` that carry a multiplier, and the joint limits behind them."""
+    """Store the contacts of rows `first` to `last` that have a multiplier, and the joint limits behind them."""
     count = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]

@@ -1,9 +1,8 @@
 """Stages of a tick: its beginning, a linearisation, an accepted step, its status, and when decoupling is suspended.
 
-A palm that yields to a finger and is pulled back by the next program can do so for ever, without one step that fails.
-The energy of the coupling tells, which the step of a shared program brings down. So a tick that lags and has not
-brought it down lets palm and fingers share a program, as does one whose steps apart all end inside the object. They
-share it until the user's hand has left the place: apart they would do the same again from where they come to rest.
+In `progressive`, a palm that yields to a finger can be pulled back by the next program, endlessly and without a failed
+step. A tick that lags and has not reduced the coupling's energy therefore solves palm and fingers together, as does one
+whose separate steps all end inside the object. They stay together until the user's hand moves away.
 
 `kernels.world.tick` says what a tick is. With ρ the smaller of the trust region's radius and reach, `allowed_fraction`
 lets body b move by min(slack, ρ) if one of its pairs is within ρ, else by min(slack, its least distance): pairs that
@@ -39,7 +38,7 @@ PROGRESS = 0.9
 @jit
 def suspend_decoupling(state: Record) -> None:
     """Let palm and fingers share a program in this tick, and as long as the user's hand stays near."""
-    state.program.is_coupled = True
+    state.fallback.is_coupled = True
     state.decoupling.is_suspended = True
     copy_values(state.haptic.joints[:], state.decoupling.suspended_joints[:])
 
@@ -61,7 +60,7 @@ def coupling_energy(pose: Record, state: Record) -> float:
 @jit
 def energy_stalled(state: Record) -> bool:
     """Return whether the programs apart of a tick that lags have made no progress."""
-    if state.program.is_coupled:
+    if state.fallback.is_coupled:
         return False
     return coupling_energy(state.pose, state) > PROGRESS * coupling_energy(state.prediction.start, state)
 
@@ -70,7 +69,7 @@ def energy_stalled(state: Record) -> bool:
 def step_to_haptic(state: Record, step_out: Array, abduction_out: Array) -> None:
     """Compute the step from the graphic to the haptic hand [m, rad], shape (21,), and that of its abduction, (5,)."""
     step_between(state.pose, state.haptic, step_out, abduction_out, state.scratch)
-    for f in range(FINGER_COUNT if state.program.holds_abduction else 0):
+    for f in range(FINGER_COUNT if state.fallback.holds_abduction else 0):
         abduction_out[f] = 0.0
 
 
@@ -102,7 +101,7 @@ def _carry_over_trust(options: TickOptions, state: Record) -> None:
 
     Else ticks whose work runs out before they accept a step could repeat themselves for ever.
     """
-    progress, trust, program = state.progress, state.trust, state.program
+    progress, trust, fallback = state.progress, state.trust, state.fallback
     if progress.is_unfinished:
         if progress.is_accepted and progress.failed_steps == 0:
             trust.radius = min(options.margin, TRUST_GROWTH * trust.radius)
@@ -111,9 +110,9 @@ def _carry_over_trust(options: TickOptions, state: Record) -> None:
     if not progress.is_unfinished or trust.radius < LEAST_TRUST * options.margin:
         progress.is_unfinished = False
         trust.radius = options.margin
-        program.is_relaxed = False
-        program.holds_abduction = False
-        program.is_coupled = state.decoupling.is_suspended
+        fallback.is_relaxed = False
+        fallback.holds_abduction = False
+        fallback.is_coupled = state.decoupling.is_suspended
 
 
 @jit_inline
@@ -198,7 +197,7 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     elif progress.lag > 0.0:
         status |= 0 if progress.snaps else STATUS_LAG
     progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
-    if progress.is_accepted and (state.program.holds_abduction or state.meeting.holds):
+    if progress.is_accepted and (state.fallback.holds_abduction or state.meeting.holds):
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG) or progress.snaps:
         # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.

@@ -17,14 +17,14 @@ from hhsim.kernels.world.body import (
     OBJECT_DOF,
     along_axis,
     body_target,
+    body_to_world,
     keep_body,
     move_body,
     predict,
-    see_hand,
-    show_hand,
     take_body_back,
     take_velocity,
     turn_back,
+    world_to_body,
 )
 from hhsim.kernels.world.columns import object_columns, variable_count
 from hhsim.kernels.world.edges import measure_edges, record_edges
@@ -92,12 +92,12 @@ def _place_pairs(method: World) -> None:
             copy_values(bodies[other].orientation[:], pose.orientation[:])
         else:
             first = method.states[problem.hand[p]].pose
-            show_hand(bodies[0], first.position[:], first.orientation[:], scratch[0:3], pose.orientation[:])
+            body_to_world(bodies[0], first.position[:], first.orientation[:], scratch[0:3], pose.orientation[:])
             copy_values(first.flexion[:], pose.flexion[:])
             copy_values(first.abduction[:], pose.abduction[:])
         turn_here = world.scratch_turn
         copy_values(pose.orientation[:], turn_here[:])
-        see_hand(bodies[problem.body[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
+        world_to_body(bodies[problem.body[p]], scratch[0:3], turn_here[:], pose.position[:], pose.orientation[:])
         update_kinematics(mover_of(method, p), pose)
 
 
@@ -148,7 +148,7 @@ def _see_hands(method: World) -> None:
     for h in range(world.problem.hands):
         haptic = method.states[h].haptic
         place, turn = world.palm_position[h], world.palm_orientation[h]
-        see_hand(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
+        world_to_body(world.bodies[0], place, turn, haptic.position[:], haptic.orientation[:])
 
 
 @jit

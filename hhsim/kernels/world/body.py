@@ -356,7 +356,9 @@ def _four(values: Array) -> tuple[float, float, float, float]:
 
 
 @jit
-def see_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
+def world_to_body(
+    body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array
+) -> None:
     """Write a pose of the world in the body's frame; shapes (3,) and (4,)."""
     center = body.center
     x, y, z = (position[0] - body.position[0], position[1] - body.position[1], position[2] - body.position[2])
@@ -368,7 +370,9 @@ def see_hand(body: Record, position: Array, orientation: Array, position_out: Ar
 
 
 @jit
-def show_hand(body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array) -> None:
+def body_to_world(
+    body: Record, position: Array, orientation: Array, position_out: Array, orientation_out: Array
+) -> None:
     """Write a pose of the body's frame in the world; shapes (3,) and (4,)."""
     center, place, turn = body.center, body.position, body.orientation
     x, y, z = turned(body.rotation, position[0] - center[0], position[1] - center[1], position[2] - center[2])

@@ -1,8 +1,8 @@
 """Friction of a program: its directions at each contact, and the slip that it is balanced against.
 
-Directions are against load and slip, by the least friction that suffices. Γ of de Saxcé's correction, which the rows of
-friction of a contact are given, is to be |s| of the solution, where it bears a force; here it is to be |s| - φ, with φ
-what a contact may float, and 0 where it slips by less. While the same rows bear it, the solution is linear in the Γ of
+Directions are against load and slip, by the least friction that suffices. De Saxcé's correction sets Γ, in the rows of
+friction of a loaded contact, to its slip |s|. Here Γ is max(0, |s| - φ), where φ is the gap that a contact may keep
+open. While the same rows bear it, the solution is linear in the Γ of
 all contacts: with N the normals of these rows, Nᵀ = Qᵀ R, and E which of them are of which contact's friction,
 dx = -Qᵀ R⁻ᵀ E dΓ and dλ = -R⁻¹ R⁻ᵀ E dΓ. So
 

@@ -86,7 +86,7 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
 @jit
 def _write_contacts(method: World, state: Record) -> None:
     """Write the rows of all contacts and joint limits, but for the bodies' columns."""
-    problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
+    problem, relaxed, offset = method.world[0].problem, state.fallback.is_relaxed, method.options.offset
     spread = state.problem.abduction_step[:]
     build_rows(method.movers[0], state.pose, state.contacts, offset, relaxed, spread, problem)
     problem.is_fresh, problem.share = 1, 1.0
@@ -97,7 +97,7 @@ def _write_contacts(method: World, state: Record) -> None:
 @jit
 def write_other_pairs(method: World, state: Record) -> None:
     """Write the rows of all pairs but the first, as `_write_contacts`."""
-    problem, relaxed, offset = method.world[0].problem, state.program.is_relaxed, method.options.offset
+    problem, relaxed, offset = method.world[0].problem, state.fallback.is_relaxed, method.options.offset
     for p in range(1, problem.pairs):
         each, first, last = method.states[p], problem.first[p], problem.last[p]
         own, palm = each.problem, problem.palm[problem.hand[p]]

@@ -42,15 +42,13 @@ REPAIRS = 8
 PART_REPAIRS = 2
 """Limit for a program with a clipped target, from which the tick goes on."""
 LET_FLOAT = 0.5
-"""Γ is the slip less this share of the clearance, and 0 where it slips by less: such a contact floats by that, and is
-not moved to and fro by a Γ that comes and goes."""
+"""Γ is reduced by this share of the clearance. Otherwise a contact that sticks oscillates, as Γ comes and goes."""
 SETTLED = 0.2
 SETTLED_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 AT_REST = 1e-11
-"""An object that would move by no more than this in a tick [m], as in the tick before, and touches something, does not:
-it is the tolerance of a program, and what moves so slowly would go on for ever. The tick before counts, so that the
-last correction of its pose is still made."""
+"""A free body in contact stands still if it would move by no more than this in a tick [m], the tolerance of a program,
+and did not in the last one either: the last correction of its pose is still made."""
 
 LOADED = np.dtype(
     [
@@ -333,7 +331,7 @@ def solve_free(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     """
     options, states, world, step = method.options, method.states, method.world[0], state.step
     problem, friction, loaded, coulomb = world.problem, world.friction, world.loaded, world.coulomb
-    offset, relaxed, rounds = options.offset, state.program.is_relaxed, as_int64(1)
+    offset, relaxed, rounds = options.offset, state.fallback.is_relaxed, as_int64(1)
     if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
         # Where searches came to nothing of late there is none.
         rounds = as_int64(1 if coulomb.wait > 0 else ROUNDS)

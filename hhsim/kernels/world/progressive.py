@@ -210,7 +210,7 @@ def solve_progressive(method: World, state: Record, clipped: bool, qp: QpWork) -
     """Solve palm, then fingers, or all at once in a tick without a step apart; `step` is written where OPTIMAL."""
     problem, contacts, work, step = method.world[0].problem, state.contacts, state.progressive, state.step
     loaded = method.world[0].loaded
-    if state.program.is_coupled:
+    if state.fallback.is_coupled:
         return as_int64(solve_plain(method.options, method.states, method.world[0], qp))
     work.variables = 6
     for j in range(6):

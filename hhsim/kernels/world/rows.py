@@ -70,8 +70,8 @@ ENTRIES = 7
 """Room for the points of the hull that entered the table in a tick: what TABLE_CONTACTS leaves."""
 
 STANDS_BACK = 0.5
-"""Share of its clearance that the normal row of a contact with friction does not ask for. So much may Γ be too large
-and the rows of friction still bear the load; else the normal row would bear it, and nothing would rub."""
+"""Share of the clearance by which the normal row of a contact with friction is loosened. The rows of friction then
+carry the load even if Γ is too large by that much."""
 
 TINY = 1e-9
 """A slip [m] or a share that gives no direction."""

@@ -1,7 +1,7 @@
 """Ticks of two hands beside bodies that stand still or move as recorded.
 
-Each hand's tick is the one that it has alone, on where both began. Only where these two ways might have met are both
-taken back, and the tick is one of the world of both (`kernels.world.tick`), whose pairs' states are those of the hands.
+Each hand first makes its tick alone. If the two motions might have met, both are undone, and one program solves the
+tick of both hands (`kernels.world.tick`), whose pairs' states are those of the hands.
 """
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns

@@ -103,14 +103,14 @@ def recover(method: World, state: Record) -> bool:
     First contacts nearer than the offset may stay as near as they are, then all return to the last poses without
     penetration with a smaller trust radius, then the abduction stays as it is.
     """
-    if not state.program.is_relaxed:
-        state.program.is_relaxed = state.program.is_coupled = True
+    if not state.fallback.is_relaxed:
+        state.fallback.is_relaxed = state.fallback.is_coupled = True
         return True
     if state.progress.failed_steps > 0 or state.prediction.is_predicted:
         return _retry(method, state)
-    if not state.program.holds_abduction:
+    if not state.fallback.holds_abduction:
         for p in range(method.world[0].problem.pairs):
-            method.states[p].program.holds_abduction = True
+            method.states[p].fallback.holds_abduction = True
         return True
     return False
 
@@ -167,7 +167,7 @@ def _fail(method: World, fraction: float, longest: float, full_motion: float, cl
         return False
     if not alone:
         return not _retry(method, state)
-    if not state.program.is_coupled:
+    if not state.fallback.is_coupled:
         suspend_decoupling(state)
     take_free_share(method, state)
     progress.failed_steps = 0
@@ -240,14 +240,14 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     world, step = method.world[0], state.step
     lap(DURATION_DETECT, state)
     began = step.lap
-    problem, relaxed, holds = world.problem, state.program.is_relaxed, state.program.holds_abduction
-    iterations, coupled, duration = step.iterations, state.program.is_coupled, step.duration
+    problem, relaxed, holds = world.problem, state.fallback.is_relaxed, state.fallback.holds_abduction
+    iterations, coupled, duration = step.iterations, state.fallback.is_coupled, step.duration
     palm, fingers, detect = duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT]
     # Rows of pairs that are near come with the steps that break them.
     pairs, within = world.hand_pairs, (world.hand_pairs.within[OWN], world.hand_pairs.within[CROSS])
-    pairs.count, pairs.within[:], state.program.is_coupled = 0, near, True
+    pairs.count, pairs.within[:], state.fallback.is_coupled = 0, near, True
     for h in range(problem.hands):
-        method.states[h].program.is_relaxed = method.states[h].program.holds_abduction = True
+        method.states[h].fallback.is_relaxed = method.states[h].fallback.holds_abduction = True
         method.states[h].meeting.bends = False
     world.curved = False
     count = prepare(method, near, state)
@@ -260,8 +260,8 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
         for h in range(problem.hands):
             copy_active(method.states[h].warm, method.states[h].active)
     for h in range(problem.hands):
-        method.states[h].program.is_relaxed, method.states[h].program.holds_abduction = relaxed, holds
-    pairs.within[OWN], pairs.within[CROSS], state.program.is_coupled = within[OWN], within[CROSS], coupled
+        method.states[h].fallback.is_relaxed, method.states[h].fallback.holds_abduction = relaxed, holds
+    pairs.within[OWN], pairs.within[CROSS], state.fallback.is_coupled = within[OWN], within[CROSS], coupled
     duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
     duration[DURATION_FORCE] += step.lap - began
     step.iterations = iterations

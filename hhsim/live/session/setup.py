@@ -31,7 +31,7 @@ from hhsim.scene.scene import Scene, require_one_object, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SeenScene, seen_scene, standing_apart
+from hhsim.solver.scene_solver import EngineScene, engine_scene, standing_apart
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -143,9 +143,9 @@ class LiveSetup:
         return max(round(1e9 * self.safety.heartbeat_stale), round(SLOW_PERIODS * self.period_ns))
 
     @cached_property
-    def seen(self) -> SeenScene:
+    def seen(self) -> EngineScene:
         """The scene as its engine sees it."""
-        return seen_scene(standing_apart(self.scene, self.options.surface))
+        return engine_scene(standing_apart(self.scene, self.options.surface))
 
     def for_watchdog(self, statuses: Sequence[int]) -> list[WatchedGlove]:
         """Return the setup of the watchdog, of each glove; `statuses` are the descriptors of their statuses."""
@@ -202,7 +202,7 @@ def make_live_scene(
         if palm.plays:
             pose = replace(pose, playback=playback)
     if palm.placed and not placed:
-        position, orientation = palm_place(hand, seen_scene(first).tree, palm.back, other)
+        position, orientation = palm_place(hand, engine_scene(first).tree, palm.back, other)
         x, y, z = map(float, position)
         a, b, c, d = map(float, orientation)
         pose = replace(pose, position=(x, y, z), orientation=(a, b, c, d))
@@ -225,7 +225,7 @@ def _standing_still(scene: Scene) -> Scene:
     scene = replace(scene, bodies=tuple(stays))
     if len(scene.solids) == 1 or any(isinstance(body.motion, Free) for body in scene.solids):
         return scene
-    seen = seen_scene(scene)
+    seen = engine_scene(scene)
     return replace(scene, bodies=(Body(body_name(scene.name), seen.mesh, seen.tree),))
 
 

@@ -14,7 +14,7 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import forward_kinematics
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import cross_pairs, self_pairs
-from hhsim.kernels.contact.detection import CONTACT_ROWS, COUNT_GATHERS, FULL, Reach, evaluate, find_contacts
+from hhsim.kernels.contact.detection import CONTACT_ROWS, COUNT_GATHERS, FULL, ListDistances, evaluate, find_contacts
 from hhsim.kernels.contact.hand_pairs import hands_distance, measure_pairs, next_bodies, part_distance, write_row
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, drop_redundant_contacts, limit_start
 from hhsim.kernels.contact.lists import PHALANX_CAPACITY
@@ -64,7 +64,7 @@ def assert_exactly_the_near_pairs(state: Any, hand: HandModel, tree: SphereTree,
 
 def detect(state: Any, hand: HandModel, tree: SphereTree, margin: float, skin: float) -> None:
     arrays, nodes = hand.arrays(), tree.arrays()
-    assert evaluate(arrays, state.pose, nodes, Reach(margin, margin, skin), state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, nodes, ListDistances(margin, margin, skin), state.candidates, state.work) == 0
     assert find_contacts(nodes, arrays, state.pose, state.candidates, margin, state.contacts) == 0
 
 
@@ -133,12 +133,15 @@ def test_more_pairs_than_there_is_room_for_are_reported() -> None:
     # Those that touch are listed with any reach.
     touching = np.tile(places[0] + [0.0, 0.0, 5e-4], (PHALANX_CAPACITY + 1, 1))
     near = sphere_tree(touching, np.full(PHALANX_CAPACITY + 1, 1e-3))
-    assert evaluate(arrays, state.pose, near.arrays(), Reach(1e-3, 1e-3, 3e-3), state.candidates, state.work) == FULL
+    assert (
+        evaluate(arrays, state.pose, near.arrays(), ListDistances(1e-3, 1e-3, 3e-3), state.candidates, state.work)
+        == FULL
+    )
     # Two bodies with room for their own pairs, but not together among the contacts.
     half = CONTACT_ROWS // 2 + 1
     two = sphere_tree(np.repeat(places, half, axis=0), np.full(2 * half, 1e-3))
     state.candidates.gathered_slack[:] = -np.inf
-    assert evaluate(arrays, state.pose, two.arrays(), Reach(1e-3, 1e-3, 0.0), state.candidates, state.work) == 0
+    assert evaluate(arrays, state.pose, two.arrays(), ListDistances(1e-3, 1e-3, 0.0), state.candidates, state.work) == 0
     assert find_contacts(two.arrays(), arrays, state.pose, state.candidates, 1e-3, state.contacts) == FULL
 
 

@@ -17,7 +17,7 @@ from hhsim.bench.robustness.random_targets import RandomTargets
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
-from hhsim.kernels.contact.detection import COUNT_GATHERS, Reach, evaluate
+from hhsim.kernels.contact.detection import COUNT_GATHERS, ListDistances, evaluate
 from hhsim.kernels.contact.surface import cone_distance
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF
 from hhsim.kernels.mesh.bvh import build_mesh_bvh
@@ -141,7 +141,10 @@ def test_lists_hold_the_nearest_feature_of_every_body_wherever_the_hand_goes(nam
                 independent = float(least_by_search(target, vertices[faces]).min())
             at = target
             set_pose(HAND, state.pose, at)
-            assert evaluate(ARRAYS, state.pose, mesh, Reach(MARGIN, MARGIN, SKIN), state.candidates, state.work) == 0
+            assert (
+                evaluate(ARRAYS, state.pose, mesh, ListDistances(MARGIN, MARGIN, SKIN), state.candidates, state.work)
+                == 0
+            )
             cones = bodies(at)
             brute = np.array([least_of_features(mesh, cones.kernel(i)) for i in range(len(cones.a))])
             least = np.append(brute[:PALM], brute[PALM:].min())

@@ -187,7 +187,7 @@ def harvest(solver: HandSolver, haptic: HandConfiguration, ticks: range) -> Iter
         solver.run(*haptic.at(slice(done, tick + 1)))
         done = tick + 1
         engine: Any = solver.engine
-        if engine.world.loaded.count and not engine.states[0].program.is_relaxed:
+        if engine.world.loaded.count and not engine.states[0].fallback.is_relaxed:
             program = last_program(solver)
             # The tick itself says by how much its friction is off the way of the slip, which the program's Γ does not.
             if max(program.astray, float(engine.world.problem.gamma_error)) <= FLOATS:

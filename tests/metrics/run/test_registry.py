@@ -129,7 +129,7 @@ def test_figures_of_a_file_are_those_of_its_run(replayed: tuple[ReplaySummary, R
 
 def test_the_documentation_says_which_do_not_follow_from_the_file(repository: Path) -> None:
     page = Page.read(repository / "docs" / "metrics.md")
-    sentence = next(line for line in page.text.split("\n\n") if "are of further runs of the solver" in line)
+    sentence = next(line for line in page.text.split("\n\n") if "need further runs of the solver" in line)
     assert {name for name in run_metrics() if f"`{name}`" in sentence} == {
         name for name, metric in run_metrics().items() if metric.own_run
     }
