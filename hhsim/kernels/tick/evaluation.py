@@ -122,7 +122,7 @@ def end_work(state: Record) -> None:
 
 @jit_inline
 def forget_lists(state: Record) -> None:
-    """Have all near pairs of the graphic hand as it stands gathered anew."""
+    """Empty the lists of pairs of the graphic hand, so that they are gathered anew where it stands."""
     copy_configuration(state.pose, state.prediction.start)
     for body in range(BODY_COUNT):
         # A body that the scene does not use is never due for a walk and never near.

@@ -108,7 +108,7 @@ def proxy_forces(options: TickOptions, state: Record) -> None:
 
 @jit_inline
 def palm_wrench(state: Record) -> None:
-    """Eq. 1, F = G (q_g - q_h)."""
+    """Compute force and torque of the coupling on the palm, F = G (q_g - q_h) [N, N·m] (Eq. 1), shape (6,)."""
     pose, haptic, wrench = state.pose, state.haptic, state.forces.palm_wrench
     rotation_vector_between(haptic.orientation, pose.orientation, state.scratch)
     for i in range(3):

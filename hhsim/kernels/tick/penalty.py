@@ -86,10 +86,8 @@ PENALTY_STATE = np.dtype(
 def _evaluate(hand: HandArrays, surface: SurfaceCode, options: TickOptions, state: Record) -> bool:
     # A hand deep inside has more pairs near than there is room for: then the deepest have to do.
     margin, candidates = options.margin, state.candidates
-    if (
-        evaluate_surface(hand, state.pose, surface, ListDistances(margin, margin, options.skin), candidates, state.work)
-        == 0
-    ):
+    distances = ListDistances(margin, margin, options.skin)
+    if evaluate_surface(hand, state.pose, surface, distances, candidates, state.work) == 0:
         return True
     reach = 0.0
     for _ in range(DEPTHS):
