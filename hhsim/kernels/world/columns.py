@@ -44,15 +44,15 @@ def variable_count(problem: Record) -> int:
 
 
 @jit_inline
-def body_of(problem: Record, of: int) -> int:
-    """Return the body of a contact, by what it is of: body b of pair p is BODY_COUNT p + b, -1 - k is k's table."""
-    return -1 - of if of < 0 else problem.body[of // BODY_COUNT]
+def body_of(problem: Record, contact_code: int) -> int:
+    """Return the body of a contact: code BODY_COUNT p + b is body b of pair p, -1 - k is body k on its table."""
+    return -1 - contact_code if contact_code < 0 else problem.body[contact_code // BODY_COUNT]
 
 
 @jit_inline
-def other_of(problem: Record, of: int) -> int:
+def other_of(problem: Record, contact_code: int) -> int:
     """Return the body that meets the contact's body there; -1 where it is a hand or the table."""
-    return as_int64(-1) if of < 0 else problem.other[of // BODY_COUNT]
+    return as_int64(-1) if contact_code < 0 else problem.other[contact_code // BODY_COUNT]
 
 
 @jit_inline
@@ -74,31 +74,31 @@ def hand_column(problem: Record, hand: int, j: int) -> int:
 
 
 @jit
-def own_columns(problem: Record, of: int) -> int:
+def own_columns(problem: Record, contact_code: int) -> int:
     """Return the first variable of the finger of a hand body; -1 for a palm, a body and the table."""
-    if of < 0:
+    if contact_code < 0:
         return -1
-    pair = of // BODY_COUNT
-    body = of - BODY_COUNT * pair
+    pair = contact_code // BODY_COUNT
+    body = contact_code - BODY_COUNT * pair
     if body >= PALM_BODY:
         return -1
     return first_finger(problem, problem.hand[pair]) + PHALANX_COUNT * (body // PHALANX_COUNT)
 
 
 @jit
-def coefficient(world: Record, of: int) -> float:
+def coefficient(world: Record, contact_code: int) -> float:
     """μ of a contact."""
-    body, other = world.bodies[body_of(world.problem, of)], other_of(world.problem, of)
+    body, other = world.bodies[body_of(world.problem, contact_code)], other_of(world.problem, contact_code)
     if other >= 0:
         return math.sqrt(body.table_friction * world.bodies[other].table_friction)
-    return body.table_friction if of < 0 else body.friction
+    return body.table_friction if contact_code < 0 else body.friction
 
 
 @jit
-def torsion_radius(world: Record, of: int) -> float:
+def torsion_radius(world: Record, contact_code: int) -> float:
     """γ of a contact [m]: what a hand's bears, and no other."""
-    is_hand = of >= 0 and other_of(world.problem, of) < 0
-    return world.bodies[body_of(world.problem, of)].torsion if is_hand else 0.0
+    is_hand = contact_code >= 0 and other_of(world.problem, contact_code) < 0
+    return world.bodies[body_of(world.problem, contact_code)].torsion if is_hand else 0.0
 
 
 @jit
@@ -230,14 +230,14 @@ def object_columns(states: States, world: Record) -> None:
 
 @jit
 def relative_motion(
-    states: States, world: Record, abduction_step: Array, step: Array, of: int, point: Array
+    states: States, world: Record, abduction_step: Array, step: Array, contact_code: int, point: Array
 ) -> tuple[float, float, float, float, float, float]:
     """Compute displacement [m] and rotation [rad] of what meets a body, at a point of it; of the table, the body's own.
 
     They are relative to the contact's body, in its frame; the step is unscaled, in the program's order.
     """
     bodies, problem = world.bodies, world.problem
-    number = body_of(problem, of)
+    number = body_of(problem, contact_code)
     body, c = bodies[number], problem.column[number]
     px, py, pz = point[0], point[1], point[2]
     wx, wy, wz = turned_back(body.axes, step[c + 3], step[c + 4], step[c + 5])
@@ -245,9 +245,9 @@ def relative_motion(
     x = step[c] + wy * rz - wz * ry
     y = step[c + 1] + wz * rx - wx * rz
     z = step[c + 2] + wx * ry - wy * rx
-    if of < 0:
+    if contact_code < 0:
         return x, y, z, wx, wy, wz
-    pair, other = of // BODY_COUNT, other_of(problem, of)
+    pair, other = contact_code // BODY_COUNT, other_of(problem, contact_code)
     pose = states[pair].pose
     rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
     if other >= 0:
@@ -268,12 +268,12 @@ def relative_motion(
     y = vy + uz * rx - ux * rz - y
     z = vz + ux * ry - uy * rx - z
     wx, wy, wz = ux - wx, uy - wy, uz - wz
-    at = of - BODY_COUNT * pair
-    if at == PALM_BODY:
+    hand_body = contact_code - BODY_COUNT * pair
+    if hand_body == PALM_BODY:
         return x, y, z, wx, wy, wz
-    f, total = at // PHALANX_COUNT, 0.0
+    f, total = hand_body // PHALANX_COUNT, 0.0
     ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
-    for k in range(at % PHALANX_COUNT + 1):
+    for k in range(hand_body % PHALANX_COUNT + 1):
         turn = step[fingers + PHALANX_COUNT * f + k]
         rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
         x += turn * (ay * rz - az * ry)
@@ -294,25 +294,27 @@ def relative_motion(
 
 
 @jit
-def write_row(states: States, world: Record, of: int, row: int, point: Array, m: Triple, w: Triple, rhs: float) -> None:
+def write_row(
+    states: States, world: Record, contact_code: int, row: int, point: Array, m: Triple, w: Triple, rhs: float
+) -> None:
     """Write a row for the displacement along m plus the rotation along w."""
     bodies, problem = world.bodies, world.problem
-    number, other = body_of(problem, of), other_of(problem, of)
+    number, other = body_of(problem, contact_code), other_of(problem, contact_code)
     body, column = bodies[number], problem.column[number]
     common, block, weight, root = problem.common, problem.block, problem.inverse_root, body.inverse_root
     px, py, pz = point[0], point[1], point[2]
     mx, my, mz = m
     wx, wy, wz = w
-    sign = 1.0 if of < 0 else -1.0
-    pair = max(of, 0) // BODY_COUNT
-    hand, at = problem.hand[pair], of - BODY_COUNT * pair
+    sign = 1.0 if contact_code < 0 else -1.0
+    pair = max(contact_code, 0) // BODY_COUNT
+    hand, hand_body = problem.hand[pair], contact_code - BODY_COUNT * pair
     pose = states[pair].pose
     width = common_count(problem)
     for j in range(width):
         common[j, row] = 0.0
     if other >= 0:
         _other_columns(bodies[other], pose, problem.column[other], row, point, m, w, common)
-    elif of >= 0:
+    elif contact_code >= 0:
         palm = problem.palm[hand]
         rx, ry, rz = px - pose.position[0], py - pose.position[1], pz - pose.position[2]
         translation, rotation = weight[0], weight[3]
@@ -335,10 +337,10 @@ def write_row(states: States, world: Record, of: int, row: int, point: Array, m:
     common[column + 5, row] = sign * z * root[5]
     for k in range(PHALANX_COUNT):
         block[k, row] = 0.0
-    if of >= 0 and at < PALM_BODY:
-        f = at // PHALANX_COUNT
+    if contact_code >= 0 and hand_body < PALM_BODY:
+        f = hand_body // PHALANX_COUNT
         ax, ay, az = pose.axis[f, 0], pose.axis[f, 1], pose.axis[f, 2]
-        for k in range(at % PHALANX_COUNT + 1):
+        for k in range(hand_body % PHALANX_COUNT + 1):
             rx, ry, rz = px - pose.joints[f, k, 0], py - pose.joints[f, k, 1], pz - pose.joints[f, k, 2]
             lever = ax * (ry * mz - rz * my + wx) + ay * (rz * mx - rx * mz + wy) + az * (rx * my - ry * mx + wz)
             block[k, row] = lever * weight[6 + PHALANX_COUNT * f + k]

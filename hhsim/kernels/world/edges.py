@@ -44,8 +44,8 @@ class Edges(NamedTuple):
 EDGE_PAIRS = np.dtype(
     [
         ("count", np.int64),
-        ("one", np.int64, (NEAR_EDGES,)),  # edge of what moves
-        ("two", np.int64, (NEAR_EDGES,)),
+        ("edge", np.int64, (NEAR_EDGES,)),  # edge of what moves
+        ("other_edge", np.int64, (NEAR_EDGES,)),
         ("distance", np.float64, (NEAR_EDGES,)),  # [m], infinite where they cannot touch
         ("point", np.float64, (NEAR_EDGES, 3)),  # on the edge of what moves [m], frame of the body
         ("normal", np.float64, (NEAR_EDGES, 3)),  # from the body to what moves
@@ -112,7 +112,7 @@ def _gather(edges: Edges, others: Edges, center: Array, pose: Record, far: float
                     beyond = min(beyond, distance)
                 else:
                     if found < NEAR_EDGES:
-                        pairs.one[found], pairs.two[found] = i, j
+                        pairs.edge[found], pairs.other_edge[found] = i, j
                     found += 1
         if found > NEAR_EDGES:
             far *= 0.5
@@ -126,17 +126,17 @@ def _is_between(nx: float, ny: float, nz: float, e: Triple, first: Triple, secon
     ex, ey, ez = e
     (ax, ay, az), (bx, by, bz) = first, second
     whole = ex * (ay * bz - az * by) + ey * (az * bx - ax * bz) + ez * (ax * by - ay * bx)
-    one = ex * (ay * nz - az * ny) + ey * (az * nx - ax * nz) + ez * (ax * ny - ay * nx)
-    two = ex * (ny * bz - nz * by) + ey * (nz * bx - nx * bz) + ez * (nx * by - ny * bx)
+    past_first = ex * (ay * nz - az * ny) + ey * (az * nx - ax * nz) + ez * (ax * ny - ay * nx)
+    before_second = ex * (ny * bz - nz * by) + ey * (nz * bx - nx * bz) + ez * (nx * by - ny * bx)
     # More than half a turn away both have the right sign too, but n is on the other side.
     side = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
     sign = 1.0 if whole >= 0.0 else -1.0
-    return sign * one >= -BEYOND and sign * two >= -BEYOND and side > 0.0
+    return sign * past_first >= -BEYOND and sign * before_second >= -BEYOND and side > 0.0
 
 
 @jit
-def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, pairs: Record) -> float:
-    i, j, r = pairs.one[at], pairs.two[at], pose.rotation
+def _measure(edges: Edges, others: Edges, center: Array, pose: Record, pair: int, pairs: Record) -> float:
+    i, j, r = pairs.edge[pair], pairs.other_edge[pair], pose.rotation
     ex, ey, ez = turned(r, edges.along[i, 0], edges.along[i, 1], edges.along[i, 2])
     gx, gy, gz = others.along[j, 0], others.along[j, 1], others.along[j, 2]
     nx, ny, nz = ey * gz - ez * gy, ez * gx - ex * gz, ex * gy - ey * gx
@@ -150,8 +150,8 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, 
     if not _is_between(nx, ny, nz, (gx, gy, gz), (n[0, 0], n[0, 1], n[0, 2]), (n[1, 0], n[1, 1], n[1, 2])):
         return np.inf
     n = edges.normal[i]
-    one, two = turned(r, n[0, 0], n[0, 1], n[0, 2]), turned(r, n[1, 0], n[1, 1], n[1, 2])
-    if not _is_between(-nx, -ny, -nz, (ex, ey, ez), one, two):
+    first, second = turned(r, n[0, 0], n[0, 1], n[0, 2]), turned(r, n[1, 0], n[1, 1], n[1, 2])
+    if not _is_between(-nx, -ny, -nz, (ex, ey, ez), first, second):
         return np.inf
     x, y, z = turned(r, edges.start[i, 0], edges.start[i, 1], edges.start[i, 2])
     x, y, z = x + pose.position[0], y + pose.position[1], z + pose.position[2]
@@ -166,7 +166,7 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, at: int, 
     distance = nx * dx + ny * dy + nz * dz
     if distance < -DEEPEST:
         return np.inf
-    point, normal = pairs.point[at], pairs.normal[at]
+    point, normal = pairs.point[pair], pairs.normal[pair]
     point[0], point[1], point[2] = x + s * ex, y + s * ey, z + s * ez
     normal[0], normal[1], normal[2] = nx, ny, nz
     return distance
@@ -204,7 +204,7 @@ def record_edges(others: Edges, margin: float, pairs: Record, contacts: Record) 
     row = contacts.start[1]
     for i in range(pairs.count):
         if pairs.distance[i] <= margin and row < contacts.key.shape[0]:
-            p, n, key = pairs.point[i], pairs.normal[i], pairs.one[i] * others.length.shape[0] + pairs.two[i]
+            p, n, key = pairs.point[i], pairs.normal[i], pairs.edge[i] * others.length.shape[0] + pairs.other_edge[i]
             point, normal = (p[0], p[1], p[2]), (n[0], n[1], n[2])
             write_contact(contacts, row, point, normal, pairs.distance[i], (0.0, 0.0), EDGE_KEY + key)
             contacts.body[row] = PALM_BODY

@@ -55,7 +55,7 @@ def leanings_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
 @jit
 def _opposite(world: Record, i: int) -> int:
     # How many rows behind that of e_k the row of its opposite is.
-    return DIRECTIONS if torsion_radius(world, world.friction.body[i]) > 0.0 else DIRECTIONS - 1
+    return DIRECTIONS if torsion_radius(world, world.friction.contact_code[i]) > 0.0 else DIRECTIONS - 1
 
 
 @jit
@@ -91,7 +91,7 @@ def _spread_evenly(world: Record) -> None:
         i = problem.owner[row]
         if i < 0 or friction.has_friction[i] == 0:
             continue
-        block = own_columns(problem, friction.body[i])
+        block = own_columns(problem, friction.contact_code[i])
         for j in range(width):
             y[j] += size * common[j, row]
         if block >= 0:
@@ -100,7 +100,7 @@ def _spread_evenly(world: Record) -> None:
     trace = 0.0
     for c in range(friction.bearings):
         i = friction.bearing[c]
-        block = own_columns(problem, friction.body[i])
+        block = own_columns(problem, friction.contact_code[i])
         for e in range(1 + _opposite(world, i)):
             part = work.part[c, e]
             for a in range(width):
@@ -135,7 +135,7 @@ def _spread_evenly(world: Record) -> None:
 @jit
 def _add_evenly(c: int, i: int, world: Record) -> None:
     friction, work, width = world.friction, world.leanings, common_count(world.problem)
-    lean, y, block = work.wanted[i], work.even, own_columns(world.problem, friction.body[i])
+    lean, y, block = work.wanted[i], work.even, own_columns(world.problem, friction.contact_code[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]
         size = 0.0
@@ -230,14 +230,14 @@ def coulomb_dtype(dof: int, frictions: int) -> "np.dtype[Any]":
 
 
 @jit
-def _raise_shift(of: int, problem: Record, qp: QpWork, share_out: Array) -> None:
+def _raise_shift(contact: int, problem: Record, qp: QpWork, share_out: Array) -> None:
     # What a metre of Γ of a contact adds to the solution's coordinates in the basis of its rows.
     column = qp.column
     begun = False
     for i in range(qp.counts[0]):
         row = qp.active[i]
         total = 0.0
-        if problem.owner[row] == of and problem.kind[row] > 0:
+        if problem.owner[row] == contact and problem.kind[row] > 0:
             total = -qp.inverse_norm[row]
             begun = True
         if begun:
@@ -278,12 +278,12 @@ def _fill_system(floats: float, states: States, world: Record) -> None:
         scale = 1.0 / slip
         x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
         spin = scale * friction.spin[i]
-        of, n = friction.body[i], friction.normal[i]
-        mu, w = coefficient(world, of), torsion_radius(world, of) * spin
+        contact_code, n = friction.contact_code[i], friction.normal[i]
+        mu, w = coefficient(world, contact_code), torsion_radius(world, contact_code) * spin
         point = friction.point[i]
         turn = (w * n[0], w * n[1], w * n[2])
-        write_row(states, world, of, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
-        block = own_columns(problem, of)
+        write_row(states, world, contact_code, scratch, point, (mu * x, mu * y, mu * z), turn, 0.0)
+        block = own_columns(problem, contact_code)
         for c in range(count):
             moved = work.moved[c]
             total = 0.0
@@ -304,14 +304,14 @@ def _solve_system(count: int, work: Record) -> None:
         for c in range(count):
             largest = max(largest, abs(matrix[a, c]))
     for c in range(count):
-        at = as_int64(c)
+        pivot = as_int64(c)
         for a in range(c + 1, count):
-            if abs(matrix[a, c]) > abs(matrix[at, c]):
-                at = as_int64(a)
-        if at != c:
-            rhs[c], rhs[at] = rhs[at], rhs[c]
+            if abs(matrix[a, c]) > abs(matrix[pivot, c]):
+                pivot = as_int64(a)
+        if pivot != c:
+            rhs[c], rhs[pivot] = rhs[pivot], rhs[c]
             for j in range(c, count):
-                matrix[c, j], matrix[at, j] = matrix[at, j], matrix[c, j]
+                matrix[c, j], matrix[pivot, j] = matrix[pivot, j], matrix[c, j]
         if abs(matrix[c, c]) < FLAT * largest:
             matrix[c, c] = 1.0
             rhs[c] = 0.0

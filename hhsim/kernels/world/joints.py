@@ -114,7 +114,7 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
     body, problem = world.bodies[k], world.problem
     pose, axes, values, center = states[body.pair].pose, body.joint_axes, problem.scratch, body.vector
     pair_values(body, pose, values[:])
-    of, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, free_value(body)
+    contact_code, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, free_value(body)
     center[0], center[1], center[2] = origin[0], origin[1], origin[2]
     for r in range(PAIR_ROWS):
         i, sign = r // 2, 1.0 if r % 2 == 0 else -1.0
@@ -129,7 +129,7 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
         x, y, z = sign * e[0], sign * e[1], sign * e[2]
         rhs = -sign * _since_begun(body, values[i]) if of_friction else sign * (limit - values[i])
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
-        write_row(states, world, of, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
+        write_row(states, world, contact_code, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
         if of_friction:
             problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
             problem.rhs[row] = rhs
@@ -140,12 +140,11 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
 @jit
 def joints_hold(states: States, world: Record) -> bool:
     """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
-    held = as_bool(True)
     for k in range(world.problem.bodies):
         body = world.bodies[k]
-        if body.pair_joint > 0:
-            held = held and pair_values(body, states[body.pair].pose, world.problem.scratch[:]) <= SETTLED
-    return held
+        if body.pair_joint > 0 and not pair_values(body, states[body.pair].pose, world.problem.scratch[:]) <= SETTLED:
+            return as_bool(False)
+    return as_bool(True)
 
 
 @jit

@@ -270,7 +270,7 @@ def _hold(offset: float, world: Record) -> None:
         if friction.has_friction[i] == 0:
             continue
         load = friction.plain[i] + friction.cone[i]
-        held.key[count] = TABLE_KEYS - friction.key[i] if friction.body[i] < 0 else friction.key[i]
+        held.key[count] = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
         wanted = max(0.0, friction.length[i] - LET_FLOAT * offset)
         found = load == 0.0 or abs(friction.shift[i] - wanted) <= SETTLED * offset
         held.shift[count] = wanted if found else friction.shift[i]

@@ -30,7 +30,7 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
             ("count", np.int64),
             # its row or place among the contacts with friction, to put together what several rows bear
             ("contact", np.int64, (ACTIVE_CAPACITY,)),
-            ("body", np.int64, (ACTIVE_CAPACITY,)),  # what it is of, see `kernels.world.columns.body_of`
+            ("contact_code", np.int64, (ACTIVE_CAPACITY,)),  # see `kernels.world.columns.body_of`
             ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
             # from the body to what touches it, of the table from the table to the body
             ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
@@ -101,9 +101,9 @@ def _push(r: Triple, m: Triple, size: float, turn: float, n: Any, wrench: Array)
 
 
 @jit
-def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: Triple) -> None:
+def _bear(states: States, problem: Record, contact_code: int, force: float, p: Array, m: Triple) -> None:
     # Add a force to those on a hand, which are in the frame of the first body.
-    pair = of // BODY_COUNT
+    pair = contact_code // BODY_COUNT
     hand = problem.hand[pair]
     x, y, z = p[0], p[1], p[2]
     mx, my, mz = m
@@ -115,7 +115,7 @@ def _bear(states: States, problem: Record, of: int, force: float, p: Array, m: T
     active = states[hand].warm
     bearing = active.count
     active.key[bearing] = 0
-    active.body[bearing] = of % BODY_COUNT
+    active.body[bearing] = contact_code % BODY_COUNT
     active.multiplier[bearing] = force
     active.point[0, bearing], active.point[1, bearing], active.point[2, bearing] = x, y, z
     active.normal[0, bearing], active.normal[1, bearing], active.normal[2, bearing] = mx, my, mz
@@ -173,63 +173,63 @@ def find_borne(states: States, world: Record) -> None:
         if TABLE_KEYS < problem.key[row] < 0 or force <= 0.0:
             continue
         contact = owner if owner >= 0 else -1 - row
-        at = as_int64(-1)
+        place = as_int64(-1)
         for j in range(count):
             if borne.contact[j] == contact:
-                at = as_int64(j)
-        if at < 0:
-            at = count
+                place = as_int64(j)
+        if place < 0:
+            place = count
             count += 1
-            borne.contact[at] = contact
-            borne.load[at] = borne.moment[at] = borne.slip[at] = 0.0
+            borne.contact[place] = contact
+            borne.load[place] = borne.moment[place] = borne.slip[place] = 0.0
             for j in range(3):
-                borne.friction[at, j] = 0.0
-                borne.point[at, j] = friction.point[owner, j] if owner >= 0 else contacts.point[j, row]
-                borne.normal[at, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
-            borne.body[at] = friction.body[owner] if owner >= 0 else contacts.body[row]
-        of = borne.body[at]
-        number, other = body_of(problem, of), other_of(problem, of)
-        n, p = borne.normal[at], borne.point[at]
+                borne.friction[place, j] = 0.0
+                borne.point[place, j] = friction.point[owner, j] if owner >= 0 else contacts.point[j, row]
+                borne.normal[place, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
+            borne.contact_code[place] = friction.contact_code[owner] if owner >= 0 else contacts.body[row]
+        contact_code = borne.contact_code[place]
+        number, other = body_of(problem, contact_code), other_of(problem, contact_code)
+        n, p = borne.normal[place], borne.point[place]
         mx, my, mz = n[0], n[1], n[2]
-        borne.load[at] += force
+        borne.load[place] += force
         moment = 0.0
         if kind > 0:
             e = (kind - 1) % DIRECTIONS
             sign = -1.0 if kind <= DIRECTIONS else 1.0
-            push = sign * coefficient(world, of)
+            push = sign * coefficient(world, contact_code)
             t = friction.along[owner, e]
             mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
             for j in range(3):
-                borne.friction[at, j] += force * push * t[j]
-            moment = sign * torsion_radius(world, of) * friction.about[owner, e] * force
-            borne.moment[at] += moment
+                borne.friction[place, j] += force * push * t[j]
+            moment = sign * torsion_radius(world, contact_code) * friction.about[owner, e] * force
+            borne.moment[place] += moment
         m, center = (mx, my, mz), bodies[number].center
         r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
-        if of < 0:
+        if contact_code < 0:
             _push(r, m, force, moment, n, borne.table_wrench[number])
         elif other >= 0:
-            pose = states[of // BODY_COUNT].pose
+            pose = states[contact_code // BODY_COUNT].pose
             _push(r, m, -force, -moment, n, borne.body_wrench[number])
             r = turned_back(pose.rotation, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
-            borne.lever[at, 0], borne.lever[at, 1], borne.lever[at, 2] = r
+            borne.lever[place, 0], borne.lever[place, 1], borne.lever[place, 2] = r
             _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.body_wrench[other])
         else:
             _push(r, m, -force, -moment, n, borne.hand_wrench[number])
-            _bear(states, problem, of, force, p, m)
+            _bear(states, problem, contact_code, force, p, m)
     borne.count = count
     borne.bare = 0.0
     for i in range(count):
-        p, n, of = borne.point[i], borne.normal[i], borne.body[i]
+        p, n, contact_code = borne.point[i], borne.normal[i], borne.contact_code[i]
         way, spread = problem.total[:], problem.abduction_total[:]
-        x, y, z, wx, wy, wz = relative_motion(states, world, spread, way, of, p)
+        x, y, z, wx, wy, wz = relative_motion(states, world, spread, way, contact_code, p)
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
         borne.slip[i] = math.sqrt(x * x + y * y + z * z)
-        place = borne.contact[i]
-        if place < 0 or friction.has_friction[place] == 0:
-            radius = torsion_radius(world, of)
+        contact = borne.contact[i]
+        if contact < 0 or friction.has_friction[contact] == 0:
+            radius = torsion_radius(world, contact_code)
             spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
-            borne.bare = max(borne.bare, hypotenuse(coefficient(world, of) * borne.slip[i], spin))
+            borne.bare = max(borne.bare, hypotenuse(coefficient(world, contact_code) * borne.slip[i], spin))
 
 
 @jit
@@ -292,14 +292,14 @@ def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     record.friction_residual[0, i] = max(borne.residual, borne.bare)
     row = record.contact[i]
     for k in range(borne.count):
-        of = borne.body[k]
-        number, other = body_of(problem, of), other_of(problem, of)
+        contact_code = borne.contact_code[k]
+        number, other = body_of(problem, contact_code), other_of(problem, contact_code)
         body = bodies[number]
         if other >= 0:
             record.body[row] = -2 - other
             _record_point(bodies[other], borne.lever[k], record.other_point[row])
-        elif of >= 0:
-            record.body[row] = of % BODY_COUNT + BODY_COUNT * problem.hand[of // BODY_COUNT]
+        elif contact_code >= 0:
+            record.body[row] = contact_code % BODY_COUNT + BODY_COUNT * problem.hand[contact_code // BODY_COUNT]
         else:
             record.body[row] = -1
         for j in range(3):

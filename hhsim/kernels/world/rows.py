@@ -152,7 +152,7 @@ def friction_dtype(bodies: int) -> "np.dtype[Any]":
             ("room", np.int64),  # for so many
             ("of_hand", np.int64),  # the first so many are not of the table
             ("contact", np.int64, (count,)),  # its contact record, or the number of the point of the hull
-            ("body", np.int64, (count,)),  # what it is of, see `kernels.world.columns.body_of`
+            ("contact_code", np.int64, (count,)),  # see `kernels.world.columns.body_of`
             ("key", np.int64, (count,)),
             ("has_friction", np.int64, (count,)),  # 1 where it has rows of friction, 0 for some of the table
             ("point", np.float64, (count, 3)),  # [m], frame of its body, as all that follows
@@ -223,7 +223,7 @@ def find_frictions(world: Record, contacts: Record, close: float) -> None:
         for i in range(problem.first[p], problem.last[p]):
             if distance[i] <= within and count < HAND_FRICTION:
                 friction.contact[count] = i
-                friction.body[count] = contacts.body[i]
+                friction.contact_code[count] = contacts.body[i]
                 friction.key[count] = contacts.key[i]
                 friction.has_friction[count] = 1
                 friction.distance[count] = distance[i]
@@ -272,12 +272,12 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
 def measure_slip(states: States, world: Record, step: Array, abduction: Array, i: int) -> float:
     """Set s of a contact for a step, unscaled and in the program's order; returns its length [m]."""
     friction = world.friction
-    of, p, n = friction.body[i], friction.point[i], friction.normal[i]
-    mu = coefficient(world, of)
-    x, y, z, wx, wy, wz = relative_motion(states, world, abduction, step, of, p)
+    contact_code, p, n = friction.contact_code[i], friction.point[i], friction.normal[i]
+    mu = coefficient(world, contact_code)
+    x, y, z, wx, wy, wz = relative_motion(states, world, abduction, step, contact_code, p)
     normal = x * n[0] + y * n[1] + z * n[2]
     x, y, z = mu * (x - normal * n[0]), mu * (y - normal * n[1]), mu * (z - normal * n[2])
-    radius = torsion_radius(world, of)
+    radius = torsion_radius(world, contact_code)
     spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
     friction.slip[i, 0], friction.slip[i, 1], friction.slip[i, 2], friction.spin[i] = x, y, z, spin
     return math.sqrt(x * x + y * y + z * z + spin * spin)
@@ -299,19 +299,19 @@ def begin_frictions(states: States, world: Record, step: Array, abduction: Array
         friction.start_spin[i] = friction.spin[i]
         for j in range(3):
             friction.start[i, j] = friction.slip[i, j]
-        key = TABLE_KEYS - friction.key[i] if friction.body[i] < 0 else friction.key[i]
-        at = as_int64(-1)
+        key = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
+        place = as_int64(-1)
         for j in range(held.count):
             if held.key[j] == key:
-                at = as_int64(j)
+                place = as_int64(j)
                 break
-        if at >= 0:
-            lean, along = held.leaning[at], held.along[at]
+        if place >= 0:
+            lean, along = held.leaning[place], held.along[place]
             if turns and orient(friction, i, lean[0], lean[1], lean[2], lean[3]):
-                friction.shift[i] = held.shift[at]
+                friction.shift[i] = held.shift[place]
                 continue
-            if orient(friction, i, along[0], along[1], along[2], held.about[at]):
-                friction.shift[i] = held.shift[at]
+            if orient(friction, i, along[0], along[1], along[2], held.about[place]):
+                friction.shift[i] = held.shift[place]
                 continue
         else:
             slip = measure_slip(states, world, step, abduction, i)
@@ -384,8 +384,9 @@ def friction_rows(states: States, world: Record, offset: float, relaxed: bool) -
         for owner in range(FINGER_COUNT + 1 if problem.other[p] < 0 else 1):
             start = row
             for i in range(friction.of_hand):
-                of = friction.body[i] - BODY_COUNT * p
-                if 0 <= of < BODY_COUNT and (0 if of == PALM_BODY else 1 + of // PHALANX_COUNT) == owner:
+                hand_body = friction.contact_code[i] - BODY_COUNT * p
+                hand_owner = 0 if hand_body == PALM_BODY else 1 + hand_body // PHALANX_COUNT
+                if 0 <= hand_body < BODY_COUNT and hand_owner == owner:
                     row = contact_rows(states, world, offset, relaxed, i, row)
             _add_group(problem, start, row, fingers + PHALANX_COUNT * (owner - 1) if owner > 0 else -1)
     table = row
@@ -396,8 +397,8 @@ def friction_rows(states: States, world: Record, offset: float, relaxed: bool) -
             rhs -= STANDS_BACK * offset
         if relaxed and friction.distance[i] >= 0.0:
             rhs = min(rhs, 0.0)
-        of, m = friction.body[i], (n[0], n[1], n[2])
-        write_row(states, world, of, row, friction.point[i], m, (0.0, 0.0, 0.0), rhs)
+        contact_code, m = friction.contact_code[i], (n[0], n[1], n[2])
+        write_row(states, world, contact_code, row, friction.point[i], m, (0.0, 0.0, 0.0), rhs)
         row = name_row(problem, row, TABLE_KEYS - KINDS * friction.key[i], i, as_int64(0))
         if friction.has_friction[i] == 1:
             row = contact_rows(states, world, offset, relaxed, i, row)
@@ -420,8 +421,8 @@ def friction_rows(states: States, world: Record, offset: float, relaxed: bool) -
 def contact_rows(states: States, world: Record, offset: float, relaxed: bool, i: int, row: int) -> int:
     """Write the rows of friction of a contact from a row on; returns the one behind them."""
     friction = world.friction
-    of, point, n = friction.body[i], friction.point[i], friction.normal[i]
-    mu, radius, d = coefficient(world, of), torsion_radius(world, of), friction.distance[i]
+    contact_code, point, n = friction.contact_code[i], friction.point[i], friction.normal[i]
+    mu, radius, d = coefficient(world, contact_code), torsion_radius(world, contact_code), friction.distance[i]
     friction.row[i] = row
     start = friction.start[i]
     for k in range(PER_CONTACT):
@@ -436,7 +437,7 @@ def contact_rows(states: States, world: Record, offset: float, relaxed: bool, i:
         if relaxed and d >= 0.0:
             rhs = min(rhs, 0.0)
         m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])
-        write_row(states, world, of, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
+        write_row(states, world, contact_code, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
         key = KINDS * friction.key[i] + 1 + k
-        row = name_row(world.problem, row, TABLE_KEYS - key if of < 0 else key, i, 1 + k)
+        row = name_row(world.problem, row, TABLE_KEYS - key if contact_code < 0 else key, i, 1 + k)
     return row

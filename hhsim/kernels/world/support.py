@@ -53,16 +53,16 @@ def _choose_lowest(count: int, along: Array, across: Array, most: int, friction:
                 cx * along[1] + cy * across[1],
                 cx * along[2] + cy * across[2],
             )
-            least, at = np.inf, as_int64(-1)
+            least, place = np.inf, as_int64(-1)
             for j in range(count):
                 d = distance[j] + ux * point[0, j] + uy * point[1, j] + uz * point[2, j]
                 if d < least:
-                    least, at = d, as_int64(j)
-            known = at < 0
+                    least, place = d, as_int64(j)
+            known = place < 0
             for j in range(chosen):
-                known = known or lowest[j] == at
+                known = known or lowest[j] == place
             if not known and chosen < most:
-                lowest[chosen] = at
+                lowest[chosen] = place
                 chosen += 1
     return chosen
 
@@ -189,7 +189,7 @@ def find_table_contacts(
     wx, wy, wz = turned_back(body.axes, step[3], step[4], step[5])
     for i in range(first, friction.count):
         lowest = friction.contact[i]
-        friction.body[i] = -1 - number
+        friction.contact_code[i] = -1 - number
         friction.key[i] = lowest + PAIR_KEYS * number
         n, p = friction.normal[i], friction.point[i]
         for j in range(3):
