@@ -48,7 +48,7 @@ def last_program(solver: Any) -> CoulombProgram:
         if kind != 0:
             continue
         whole, begun = np.zeros((PARTS, count)), np.zeros(DIRECTIONS)
-        borne = np.array([load[row], *np.zeros(DIRECTIONS)])
+        forces = np.array([load[row], *np.zeros(DIRECTIONS)])
         whole[0], needed = dense[row], float(problem.rhs[row])
         if owner >= 0 and friction.has_friction[owner]:
             needed += STANDS_BACK * solver.options.offset
@@ -58,13 +58,13 @@ def last_program(solver: Any) -> CoulombProgram:
                     ahead, back = of[e + 1], of[e + 1 + DIRECTIONS]
                     whole[1 + e] = 0.5 * (dense[back] - dense[ahead])
                     begun[e] = 0.5 * (problem.rhs[ahead] - problem.rhs[back])
-                    borne[0] += load[ahead] + load[back]
-                    borne[1 + e] = load[back] - load[ahead]
+                    forces[0] += load[ahead] + load[back]
+                    forces[1 + e] = load[back] - load[ahead]
         rows.append(whole)
         gap.append(needed)
         start.append(begun)
-        multiplier.append(borne)
-        if owner >= 0 and friction.has_friction[owner] and borne[0] > 0.0:
+        multiplier.append(forces)
+        if owner >= 0 and friction.has_friction[owner] and forces[0] > 0.0:
             slip = begun + whole[1:] @ _scaled(world)
             astray = max(astray, abs(float(np.linalg.norm(slip)) - float(friction.shift[owner])))
     target = np.array(problem.target[:count])

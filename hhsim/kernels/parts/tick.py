@@ -9,7 +9,7 @@
                 at most 8 times                                                                    _squeeze
      5  if the hand is free:  a tick of the method, on parts that stand still
         else:  one program with the user's hand, in which no depth grows;  its multipliers are the forces, and the tick
-            says that there is no place                                                            _bear
+            says that there is no place                                                            _follow_squeezed
 
 The depths of 4 are the solution of min ½ |√G δ|² + ½ k Σ s², in which what moves may be s [m] deep: s of the palm and
 of each finger, k = `FIRM`. A part that moves counts as such until the hand is free again.
@@ -173,7 +173,7 @@ def _squeeze(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> bo
 
 
 @jit_noinline
-def _bear(method: World, state: Record, qp: QpWork) -> bool:
+def _follow_squeezed(method: World, state: Record, qp: QpWork) -> bool:
     """Let a squeezed hand follow its user where no depth grows, and compute the forces that bear it there.
 
     The forces are those of the coupling alone: the recorded part is not limited in force. Returns whether all pairs fit
@@ -245,7 +245,7 @@ def give_way(parts: PartsMotion, method: World, qp: QpWork) -> int:
     copy_values(state.step.duration[:], world.spent[:])
     if status == 0:
         return as_int64(0)
-    if status == STATUS_NO_PLACE and not _bear(method, state, qp):
+    if status == STATUS_NO_PLACE and not _follow_squeezed(method, state, qp):
         status = STATUS_CAPACITY_EXCEEDED
     progress = state.progress
     copy_configuration(state.pose, state.prediction.start)

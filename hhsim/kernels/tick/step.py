@@ -74,7 +74,7 @@ def take_multipliers(qp: QpWork, solution: Record) -> None:
 
 
 @jit
-def bear_contacts(contacts: Record, first: int, last: int, loaded: Record, active: Record) -> None:
+def store_active_contacts(contacts: Record, first: int, last: int, loaded: Record, active: Record) -> None:
     """Store the contacts of rows `first` to `last` that have a multiplier, and the joint limits behind them."""
     count = as_int64(0)
     for i in range(loaded.count):

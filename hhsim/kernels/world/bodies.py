@@ -44,7 +44,7 @@ from hhsim.kernels.world.pairs import (
     take_hands,
 )
 from hhsim.kernels.world.program import SEARCHED, clip_shifts, take_steps
-from hhsim.kernels.world.record import clear_borne, find_borne, turn_loads
+from hhsim.kernels.world.record import clear_contact_forces, find_contact_forces, turn_loads
 from hhsim.kernels.world.rows import begin_frictions, find_frictions
 from hhsim.kernels.world.support import find_table_contacts, keep_entry, keep_lowest, table_distances
 
@@ -175,7 +175,7 @@ def _write_columns(method: World) -> int:
     problem, bodies, friction = world.problem, world.bodies, world.friction
     object_columns(method.states, world)
     # A contact floats by what Γ was short of its slip, and goes on rubbing.
-    close = CLOSE * options.offset + FLOATS * world.borne[world.accepted].residual
+    close = CLOSE * options.offset + FLOATS * world.contact_forces[world.accepted].residual
     find_frictions(world, state.contacts, close)
     joints = as_int64(0)
     for k in range(problem.bodies):
@@ -222,7 +222,7 @@ def _move(method: World, fraction: float) -> None:
     for h in range(problem.hands):
         for f in range(FINGER_COUNT):
             problem.abduction_total[FINGER_COUNT * h + f] += fraction * method.states[h].problem.abduction_step[f]
-    find_borne(method.states, world)
+    find_contact_forces(method.states, world)
     # What comes next in the tick is added to it in the frame of each body as it then stands.
     first = problem.column[0]
     for h in range(problem.hands):
@@ -250,7 +250,7 @@ def _keep(world: Record) -> None:
     copy_values(problem.total[:variables], world.safe_total[:variables])
     copy_values(problem.abduction_total[:], world.safe_abduction[:])
     world.accepted = 1 - world.accepted
-    world.borne[world.accepted].residual = problem.gamma_error
+    world.contact_forces[world.accepted].residual = problem.gamma_error
 
 
 @jit
@@ -288,7 +288,7 @@ def _end(method: World) -> None:
     world, accepted = method.world[0], method.states[0].progress.is_accepted
     problem = world.problem
     if not accepted:
-        clear_borne(problem.bodies, world.borne[world.accepted])
+        clear_contact_forces(problem.bodies, world.contact_forces[world.accepted])
     for k in range(problem.bodies if accepted else 0):
         take_velocity(world.bodies[k])
     _see_hands(method)

@@ -38,7 +38,7 @@ RANK = 1e-10
 PARTS = 1 + DIRECTIONS
 
 
-def leanings_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
+def directions_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
     """Build the dtype of the workspace for directions of friction, for programs of so many variables and contacts."""
     return np.dtype(
         [
@@ -46,7 +46,7 @@ def leanings_dtype(dof: int, common: int, frictions: int) -> "np.dtype[Any]":
             ("part", np.float64, (dof, PARTS, common + PHALANX_COUNT)),
             ("matrix", np.float64, (dof, dof)),  # Jᵀ J
             ("even", np.float64, (dof,)),  # y of `_spread_evenly`
-            ("wanted", np.float64, (frictions, 4)),  # which way each contact is to rub next, see `find_leanings`
+            ("next_direction", np.float64, (frictions, 4)),  # that each contact is to rub along, see `find_directions`
         ],
         align=True,
     )
@@ -61,10 +61,10 @@ def _opposite(world: Record, i: int) -> int:
 @jit
 def _take_apart(world: Record) -> None:
     # A row and its opposite are n · Δ less and more s along one direction.
-    friction, work, common, own = world.friction, world.leanings, world.problem.common, world.problem.block
+    friction, work, common, own = world.friction, world.directions, world.problem.common, world.problem.block
     width = common_count(world.problem)
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
         first, apart = friction.row[i], _opposite(world, i)
         for e in range(PARTS):
             part = work.part[c, e]
@@ -79,7 +79,7 @@ def _take_apart(world: Record) -> None:
 @jit
 def _spread_evenly(world: Record) -> None:
     # Solve (Jᵀ J) y = Jᵀ f for the forces f that contacts with friction bear: J y are the least that do the same.
-    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.leanings
+    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.directions
     common, own, matrix, y = problem.common, problem.block, work.matrix, work.even
     width, dof = common_count(problem), variable_count(problem)
     for a in range(dof):
@@ -98,8 +98,8 @@ def _spread_evenly(world: Record) -> None:
             for j in range(PHALANX_COUNT):
                 y[block + j] += size * own[j, row]
     trace = 0.0
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
         block = own_columns(problem, friction.contact_code[i])
         for e in range(1 + _opposite(world, i)):
             part = work.part[c, e]
@@ -134,8 +134,8 @@ def _spread_evenly(world: Record) -> None:
 
 @jit
 def _add_evenly(c: int, i: int, world: Record) -> None:
-    friction, work, width = world.friction, world.leanings, common_count(world.problem)
-    lean, y, block = work.wanted[i], work.even, own_columns(world.problem, friction.contact_code[i])
+    friction, work, width = world.friction, world.directions, common_count(world.problem)
+    direction, y, block = work.next_direction[i], work.even, own_columns(world.problem, friction.contact_code[i])
     for e in range(DIRECTIONS):
         part = work.part[c, 1 + e]
         size = 0.0
@@ -145,47 +145,46 @@ def _add_evenly(c: int, i: int, world: Record) -> None:
             for j in range(PHALANX_COUNT):
                 size -= part[width + j] * y[block + j]
         for j in range(3):
-            lean[j] += size * friction.along[i, e, j]
-        lean[3] += size * friction.about[i, e]
+            direction[j] += size * friction.along[i, e, j]
+        direction[3] += size * friction.about[i, e]
 
 
 @jit
-def find_leanings(floats: float, world: Record) -> None:
+def find_directions(floats: float, world: Record) -> None:
     """Find which way the contacts that rub are to rub next, shape (contacts, 4): along the surface, about the normal.
 
-    That is the friction that a contact bears, and what its slip would add to it were it held [N]; for one that bears
-    nothing, the slip itself [m]. What sticks is right as it is, and leans to its e_1. Contacts about to slip, by no
-    more than a contact may float [m], can bear anything against each other; they lean to the least of it, since what is
-    beyond takes from their cones.
+    That is a contact's friction force, and what its slip would add to it were it held [N]; without a load, the slip
+    itself [m]. What sticks keeps its e_1. Contacts about to slip, by no more than a contact may float [m], can push
+    against each other with any force; the least one counts, since what is beyond takes from their cones.
     """
-    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.leanings
-    wanted, even = work.wanted, False
+    problem, friction, loaded, work = world.problem, world.friction, world.loaded, world.directions
+    direction, even = work.next_direction, False
     for i in range(friction.count):
         for j in range(3):
-            wanted[i, j] = friction.slip[i, j]
-        wanted[i, 3] = friction.spin[i]
+            direction[i, j] = friction.slip[i, j]
+        direction[i, 3] = friction.spin[i]
     slides = False
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
         slides = slides or friction.length[i] > TINY
         even = even or TINY < friction.length[i] <= floats
     if slides:
         _take_apart(world)
     if even:
         _spread_evenly(world)
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
         if friction.length[i] <= TINY:
             for j in range(3):
-                wanted[i, j] = friction.along[i, 0, j]
-            wanted[i, 3] = friction.about[i, 0]
+                direction[i, j] = friction.along[i, 0, j]
+            direction[i, 3] = friction.about[i, 0]
             continue
         give = 0.0
         for j in range(work.part.shape[2]):
             give += work.part[c, 1, j] ** 2
         stiffness = 1.0 / give if give > 0.0 else 1.0
         for j in range(4):
-            wanted[i, j] *= stiffness
+            direction[i, j] *= stiffness
         if friction.length[i] <= floats:
             _add_evenly(c, i, world)
     for k in range(loaded.count):
@@ -196,8 +195,8 @@ def find_leanings(floats: float, world: Record) -> None:
         e = (kind - 1) % DIRECTIONS
         size = loaded.multiplier[k] if kind <= DIRECTIONS else -loaded.multiplier[k]
         for j in range(3):
-            wanted[i, j] += size * friction.along[i, e, j]
-        wanted[i, 3] += size * friction.about[i, e]
+            direction[i, j] += size * friction.along[i, e, j]
+        direction[i, 3] += size * friction.about[i, e]
 
 
 NO_LOAD = 1e-3
@@ -249,9 +248,9 @@ def _raise_shift(contact: int, problem: Record, qp: QpWork, share_out: Array) ->
 
 @jit
 def _find_moved(friction: Record, problem: Record, qp: QpWork, work: Record) -> None:
-    for c in range(friction.bearings):
+    for c in range(friction.loaded_contacts):
         moved, share = work.moved[c], work.share
-        _raise_shift(friction.bearing[c], problem, qp, share[:])
+        _raise_shift(friction.loaded_contact[c], problem, qp, share[:])
         for j in range(variable_count(problem)):
             moved[j] = 0.0
         for i in range(qp.counts[0]):
@@ -265,15 +264,15 @@ def _fill_system(floats: float, states: States, world: Record) -> None:
     problem, friction, work = world.problem, world.friction, world.coulomb
     common, own = problem.common, problem.block
     scratch = as_int64(common.shape[1] - 1)
-    count = friction.bearings
+    count = friction.loaded_contacts
     for a in range(count):
-        i = friction.bearing[a]
+        i = friction.loaded_contact[a]
         slip = friction.length[i]
         work.contact[a] = i
         work.rhs[a] = max(0.0, slip - floats) - friction.shift[i]
         for c in range(count):
             work.matrix[a, c] = 1.0 if a == c else 0.0
-        if slip <= floats or friction.plain[i] > NO_LOAD * (friction.plain[i] + friction.cone[i]):
+        if slip <= floats or friction.plain_load[i] > NO_LOAD * (friction.plain_load[i] + friction.cone_load[i]):
             continue
         scale = 1.0 / slip
         x, y, z = scale * friction.slip[i, 0], scale * friction.slip[i, 1], scale * friction.slip[i, 2]
@@ -348,15 +347,15 @@ def next_slips(floats: float, states: States, world: Record, qp: QpWork) -> None
         work.row[j] = loaded.row[j]
     _find_moved(friction, world.problem, qp, work)
     _fill_system(floats, states, world)
-    _solve_system(friction.bearings, work)
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
+    _solve_system(friction.loaded_contacts, work)
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
         friction.shift[i] = max(0.0, friction.shift[i] + work.rhs[c])
-    find_leanings(floats, world)
-    for c in range(friction.bearings):
-        i, lean = friction.bearing[c], world.leanings.wanted[friction.bearing[c]]
+    find_directions(floats, world)
+    for c in range(friction.loaded_contacts):
+        i, direction = friction.loaded_contact[c], world.directions.next_direction[friction.loaded_contact[c]]
         if friction.length[i] > TINY:
-            orient(friction, i, lean[0], lean[1], lean[2], lean[3])
+            orient(friction, i, direction[0], direction[1], direction[2], direction[3])
 
 
 @jit
@@ -368,11 +367,12 @@ def lower_slips(floats: float, backs: float, problem: Record, friction: Record, 
     plain row bears for the last time. Returns how many it has lowered, whose places are the first of `contact`.
     """
     count = as_int64(0)
-    for c in range(friction.bearings):
-        i = friction.bearing[c]
-        if friction.plain[i] > NO_LOAD * (friction.plain[i] + friction.cone[i]) and friction.shift[i] > 0.0:
+    for c in range(friction.loaded_contacts):
+        i = friction.loaded_contact[c]
+        plain = friction.plain_load[i]
+        if plain > NO_LOAD * (plain + friction.cone_load[i]) and friction.shift[i] > 0.0:
             work.contact[count] = i
-            work.rhs[count] = -friction.plain[i]
+            work.rhs[count] = -plain
             count += 1
     k, change = qp.counts[0], qp.dual_step
     for c in range(count):

@@ -15,7 +15,7 @@ from hhsim.kernels.tick.state import WORK_LINEARISATIONS
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
 from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
-from hhsim.kernels.world.friction import NO_LOAD, end_search, find_leanings, lower_slips, next_slips
+from hhsim.kernels.world.friction import NO_LOAD, end_search, find_directions, lower_slips, next_slips
 from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
 from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.pairs import World
@@ -67,13 +67,13 @@ LOADED = np.dtype(
 def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
     # The rows whose keys carried a multiplier the last time; most lie where they were.
     start, stop = problem.group_start, problem.group_stop
-    key, wanted = problem.key, loaded.key
+    key, loaded_key = problem.key, loaded.key
     filled = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]
-        if JOINT_KEYS < wanted[i] <= MEETING_KEYS:
+        if JOINT_KEYS < loaded_key[i] <= MEETING_KEYS:
             continue
-        found = as_bool(row < problem.rows and key[row] == wanted[i])
+        found = as_bool(row < problem.rows and key[row] == loaded_key[i])
         if found:
             loaded.guess[filled] = row
             filled += 1
@@ -81,7 +81,7 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
             if found:
                 break
             for row in range(start[g], stop[g]):
-                if key[row] == wanted[i]:
+                if key[row] == loaded_key[i]:
                     loaded.guess[filled] = row
                     filled += 1
                     found = True
@@ -186,7 +186,7 @@ def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
 def _read(problem: Record, friction: Record, loaded: Record, pairs: Record, qp: QpWork) -> None:
     # The loaded rows of the solution, and what each contact with friction bears and slips.
     for i in range(friction.count):
-        friction.plain[i] = friction.cone[i] = 0.0
+        friction.plain_load[i] = friction.cone_load[i] = 0.0
     if problem.dense_rows > 0:
         read_dense(problem, pairs, qp)
     loaded.count = qp.counts[0]
@@ -200,15 +200,15 @@ def _read(problem: Record, friction: Record, loaded: Record, pairs: Record, qp: 
         if owner >= 0:
             kind = problem.kind[row]
             if kind == 0:
-                friction.plain[owner] += multiplier
+                friction.plain_load[owner] += multiplier
             else:
-                friction.cone[owner] += multiplier
-    bearings = as_int64(0)
+                friction.cone_load[owner] += multiplier
+    count = as_int64(0)
     for i in range(friction.count):
-        if friction.has_friction[i] == 1 and friction.plain[i] + friction.cone[i] > 0.0:
-            friction.bearing[bearings] = i
-            bearings += 1
-    friction.bearings = bearings
+        if friction.has_friction[i] == 1 and friction.plain_load[i] + friction.cone_load[i] > 0.0:
+            friction.loaded_contact[count] = i
+            count += 1
+    friction.loaded_contacts = count
 
 
 @jit
@@ -227,7 +227,7 @@ def _is_settled(states: States, offset: float, world: Record) -> bool:
             continue
         slip = measure_slip(states, world, problem.whole[:], problem.whole_abduction[:], i)
         friction.length[i] = slip
-        load = friction.plain[i] + friction.cone[i]
+        load = friction.plain_load[i] + friction.cone_load[i]
         if load == 0.0:
             continue
         # Of a slip that is let float, what Γ is short of it counts as balanced.
@@ -237,7 +237,7 @@ def _is_settled(states: States, offset: float, world: Record) -> bool:
             square += (friction.slip[i, j] - shift * friction.along[i, 0, j]) ** 2
         off = math.sqrt(square)
         problem.gamma_error = max(problem.gamma_error, off)
-        if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain[i] > NO_LOAD * load:
+        if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain_load[i] > NO_LOAD * load:
             settled = False
     return settled
 
@@ -262,25 +262,25 @@ def _rest(bodies: Record, problem: Record) -> None:
 
 
 @jit
-def _hold(offset: float, world: Record) -> None:
+def _keep_friction(offset: float, world: Record) -> None:
     # Keep what the next program begins from: Γ as it stands, and which way e_1 is to be. A Γ that is found is that of
     # the slip itself, or what is left of one would move what sticks to and fro.
-    friction, held, count = world.friction, world.held, as_int64(0)
+    friction, last, count = world.friction, world.last_friction, as_int64(0)
     for i in range(friction.count):
         if friction.has_friction[i] == 0:
             continue
-        load = friction.plain[i] + friction.cone[i]
-        held.key[count] = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
-        wanted = max(0.0, friction.length[i] - LET_FLOAT * offset)
-        found = load == 0.0 or abs(friction.shift[i] - wanted) <= SETTLED * offset
-        held.shift[count] = wanted if found else friction.shift[i]
-        held.about[count] = friction.about[i, 0]
+        load = friction.plain_load[i] + friction.cone_load[i]
+        last.key[count] = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
+        balanced = max(0.0, friction.length[i] - LET_FLOAT * offset)
+        found = load == 0.0 or abs(friction.shift[i] - balanced) <= SETTLED * offset
+        last.shift[count] = balanced if found else friction.shift[i]
+        last.about[count] = friction.about[i, 0]
         for j in range(3):
-            held.along[count, j] = friction.along[i, 0, j]
+            last.along[count, j] = friction.along[i, 0, j]
         for j in range(4):
-            held.leaning[count, j] = world.leanings.wanted[i, j]
+            last.next_direction[count, j] = world.directions.next_direction[i, j]
         count += 1
-    held.count = count
+    last.count = count
 
 
 @jit
@@ -380,8 +380,8 @@ def solve_free(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
         for j in range(guessed):
             loaded.guess[j] = loaded.row[j]
     if not clipped:
-        find_leanings(floats, world)
-        _hold(offset, world)
+        find_directions(floats, world)
+        _keep_friction(offset, world)
     if options.correcting != 0 and ask_code(options.correcting, (options, states, world, qp)):
         read_step(world.bodies, problem, qp)
     if loaded.count > 0:

@@ -23,7 +23,7 @@ STICKS = 1e-9
 
 
 @cache
-def borne_dtype(bodies: int) -> "np.dtype[Any]":
+def contact_forces_dtype(bodies: int) -> "np.dtype[Any]":
     """Build the dtype of the contacts that bear a force, each in the frame of its body."""
     return np.dtype(
         [
@@ -34,9 +34,9 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
             ("point", np.float64, (ACTIVE_CAPACITY, 3)),  # [m]
             # from the body to what touches it, of the table from the table to the body
             ("normal", np.float64, (ACTIVE_CAPACITY, 3)),
-            ("load", np.float64, (ACTIVE_CAPACITY,)),  # normal force on what touches it, of the table on the body [N]
-            ("friction", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
-            ("moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
+            ("normal_force", np.float64, (ACTIVE_CAPACITY,)),  # on what touches it, of the table on the body [N]
+            ("friction_force", np.float64, (ACTIVE_CAPACITY, 3)),  # tangential force [N]
+            ("torsional_moment", np.float64, (ACTIVE_CAPACITY,)),  # about the normal [N·m]
             ("slip", np.float64, (ACTIVE_CAPACITY,)),  # tangential way of the contact in the tick [m]
             ("lever", np.float64, (ACTIVE_CAPACITY, 3)),  # point from the centre of another body, in its frame [m]
             # of hands on each body: force [N], moment about its centre of mass [N·m]
@@ -46,7 +46,7 @@ def borne_dtype(bodies: int) -> "np.dtype[Any]":
             # the most by which the slip that friction is balanced against is off the slip of a contact here [m]
             ("residual", np.float64),
             # the most that a contact slips that bears a force without rows of friction: it came from too far [m]
-            ("bare", np.float64),
+            ("frictionless_slip", np.float64),
         ],
         align=True,
     )
@@ -67,7 +67,7 @@ class WorldRecord(NamedTuple):
     table_wrench: Array  # likewise of the table
     body_wrench: Array  # likewise of the other bodies
     table_distance: Array  # lowest point above the table [m], infinite without one, (K, B)
-    friction_residual: Array  # of the first body: the larger of `residual` and `bare` of `borne_dtype` [m], (K, B)
+    friction_residual: Array  # of the first body: larger of `residual` and `frictionless_slip` [m], (K, B)
     contact: Indices  # first contact of each tick, and the end of the last one's, (B + 1,)
     # What touches the body: 16 h + b for hand body b of hand h, -1 for the table, -2 - k for body k, (rows,)
     body: Indices
@@ -101,7 +101,7 @@ def _push(r: Triple, m: Triple, size: float, turn: float, n: Any, wrench: Array)
 
 
 @jit
-def _bear(states: States, problem: Record, contact_code: int, force: float, p: Array, m: Triple) -> None:
+def _add_hand_force(states: States, problem: Record, contact_code: int, force: float, p: Array, m: Triple) -> None:
     # Add a force to those on a hand, which are in the frame of the first body.
     pair = contact_code // BODY_COUNT
     hand = problem.hand[pair]
@@ -113,17 +113,17 @@ def _bear(states: States, problem: Record, contact_code: int, force: float, p: A
         x, y, z = x + far.position[0], y + far.position[1], z + far.position[2]
         mx, my, mz = turned_back(turn, mx, my, mz)
     active = states[hand].warm
-    bearing = active.count
-    active.key[bearing] = 0
-    active.body[bearing] = contact_code % BODY_COUNT
-    active.multiplier[bearing] = force
-    active.point[0, bearing], active.point[1, bearing], active.point[2, bearing] = x, y, z
-    active.normal[0, bearing], active.normal[1, bearing], active.normal[2, bearing] = mx, my, mz
+    place = active.count
+    active.key[place] = 0
+    active.body[place] = contact_code % BODY_COUNT
+    active.multiplier[place] = force
+    active.point[0, place], active.point[1, place], active.point[2, place] = x, y, z
+    active.normal[0, place], active.normal[1, place], active.normal[2, place] = mx, my, mz
     active.count += 1
 
 
 @jit_noinline
-def _bear_joints(states: States, world: Record, borne: Record) -> None:
+def _add_joint_forces(states: States, world: Record, forces: Record) -> None:
     """Add the loads of rows of joints of two free bodies to the wrenches on both."""
     bodies, problem, loaded = world.bodies, world.problem, world.loaded
     for i in range(loaded.count):
@@ -140,32 +140,32 @@ def _bear_joints(states: States, world: Record, borne: Record) -> None:
         along = size if value < 3 else 0.0
         center, place, turn, m = bodies[number].center, pose.position, pose.rotation, (e[0], e[1], e[2])
         away = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
-        _push(away, m, -along, along - size, m, borne.body_wrench[number])
+        _push(away, m, -along, along - size, m, forces.body_wrench[number])
         m = turned_back(turn, e[0], e[1], e[2])
         away = turned_back(turn, p[0] - place[0], p[1] - place[1], p[2] - place[2])
-        _push(away, m, along, size - along, m, borne.body_wrench[k])
+        _push(away, m, along, size - along, m, forces.body_wrench[k])
 
 
 @jit
-def clear_borne(bodies: int, borne: Record) -> None:
-    """Let nothing bear so many bodies."""
-    borne.count = 0
-    borne.residual = borne.bare = 0.0
+def clear_contact_forces(bodies: int, forces: Record) -> None:
+    """Remove all contacts, and the wrenches on so many bodies."""
+    forces.count = 0
+    forces.residual = forces.frictionless_slip = 0.0
     for k in range(bodies):
         for j in range(OBJECT_DOF):
-            borne.hand_wrench[k, j] = borne.table_wrench[k, j] = borne.body_wrench[k, j] = 0.0
+            forces.hand_wrench[k, j] = forces.table_wrench[k, j] = forces.body_wrench[k, j] = 0.0
 
 
 @jit
-def find_borne(states: States, world: Record) -> None:
+def find_contact_forces(states: States, world: Record) -> None:
     """Write the loads of the rows: as forces on each hand in its `warm`, and contact by contact."""
     bodies, problem, friction, loaded = world.bodies, world.problem, world.friction, world.loaded
-    contacts, borne = states[0].contacts, world.borne[1 - world.accepted]
-    clear_borne(problem.bodies, borne)
+    contacts, forces = states[0].contacts, world.contact_forces[1 - world.accepted]
+    clear_contact_forces(problem.bodies, forces)
     count = as_int64(0)
     for p in range(problem.pairs):
         states[p].warm.count = 0
-    _bear_joints(states, world, borne)
+    _add_joint_forces(states, world, forces)
     for i in range(loaded.count):
         row = loaded.row[i]
         force = loaded.multiplier[i]
@@ -175,23 +175,23 @@ def find_borne(states: States, world: Record) -> None:
         contact = owner if owner >= 0 else -1 - row
         place = as_int64(-1)
         for j in range(count):
-            if borne.contact[j] == contact:
+            if forces.contact[j] == contact:
                 place = as_int64(j)
         if place < 0:
             place = count
             count += 1
-            borne.contact[place] = contact
-            borne.load[place] = borne.moment[place] = borne.slip[place] = 0.0
+            forces.contact[place] = contact
+            forces.normal_force[place] = forces.torsional_moment[place] = forces.slip[place] = 0.0
             for j in range(3):
-                borne.friction[place, j] = 0.0
-                borne.point[place, j] = friction.point[owner, j] if owner >= 0 else contacts.point[j, row]
-                borne.normal[place, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
-            borne.contact_code[place] = friction.contact_code[owner] if owner >= 0 else contacts.body[row]
-        contact_code = borne.contact_code[place]
+                forces.friction_force[place, j] = 0.0
+                forces.point[place, j] = friction.point[owner, j] if owner >= 0 else contacts.point[j, row]
+                forces.normal[place, j] = friction.normal[owner, j] if owner >= 0 else contacts.normal[j, row]
+            forces.contact_code[place] = friction.contact_code[owner] if owner >= 0 else contacts.body[row]
+        contact_code = forces.contact_code[place]
         number, other = body_of(problem, contact_code), other_of(problem, contact_code)
-        n, p = borne.normal[place], borne.point[place]
+        n, p = forces.normal[place], forces.point[place]
         mx, my, mz = n[0], n[1], n[2]
-        borne.load[place] += force
+        forces.normal_force[place] += force
         moment = 0.0
         if kind > 0:
             e = (kind - 1) % DIRECTIONS
@@ -200,36 +200,35 @@ def find_borne(states: States, world: Record) -> None:
             t = friction.along[owner, e]
             mx, my, mz = mx + push * t[0], my + push * t[1], mz + push * t[2]
             for j in range(3):
-                borne.friction[place, j] += force * push * t[j]
+                forces.friction_force[place, j] += force * push * t[j]
             moment = sign * torsion_radius(world, contact_code) * friction.about[owner, e] * force
-            borne.moment[place] += moment
+            forces.torsional_moment[place] += moment
         m, center = (mx, my, mz), bodies[number].center
         r = (p[0] - center[0], p[1] - center[1], p[2] - center[2])
         if contact_code < 0:
-            _push(r, m, force, moment, n, borne.table_wrench[number])
+            _push(r, m, force, moment, n, forces.table_wrench[number])
         elif other >= 0:
             pose = states[contact_code // BODY_COUNT].pose
-            _push(r, m, -force, -moment, n, borne.body_wrench[number])
+            _push(r, m, -force, -moment, n, forces.body_wrench[number])
             r = turned_back(pose.rotation, p[0] - pose.position[0], p[1] - pose.position[1], p[2] - pose.position[2])
-            borne.lever[place, 0], borne.lever[place, 1], borne.lever[place, 2] = r
-            _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, borne.body_wrench[other])
+            forces.lever[place, 0], forces.lever[place, 1], forces.lever[place, 2] = r
+            _push(r, turned_back(pose.rotation, mx, my, mz), force, 0.0, n, forces.body_wrench[other])
         else:
-            _push(r, m, -force, -moment, n, borne.hand_wrench[number])
-            _bear(states, problem, contact_code, force, p, m)
-    borne.count = count
-    borne.bare = 0.0
+            _push(r, m, -force, -moment, n, forces.hand_wrench[number])
+            _add_hand_force(states, problem, contact_code, force, p, m)
+    forces.count = count
     for i in range(count):
-        p, n, contact_code = borne.point[i], borne.normal[i], borne.contact_code[i]
+        p, n, contact_code = forces.point[i], forces.normal[i], forces.contact_code[i]
         way, spread = problem.total[:], problem.abduction_total[:]
         x, y, z, wx, wy, wz = relative_motion(states, world, spread, way, contact_code, p)
         along = x * n[0] + y * n[1] + z * n[2]
         x, y, z = x - along * n[0], y - along * n[1], z - along * n[2]
-        borne.slip[i] = math.sqrt(x * x + y * y + z * z)
-        contact = borne.contact[i]
+        forces.slip[i] = math.sqrt(x * x + y * y + z * z)
+        contact = forces.contact[i]
         if contact < 0 or friction.has_friction[contact] == 0:
-            radius = torsion_radius(world, contact_code)
+            mu, radius = coefficient(world, contact_code), torsion_radius(world, contact_code)
             spin = radius * (wx * n[0] + wy * n[1] + wz * n[2]) if radius > 0.0 else 0.0
-            borne.bare = max(borne.bare, hypotenuse(coefficient(world, contact_code) * borne.slip[i], spin))
+            forces.frictionless_slip = max(forces.frictionless_slip, hypotenuse(mu * forces.slip[i], spin))
 
 
 @jit
@@ -276,7 +275,7 @@ def _record_point(body: Record, place: Array, point_out: Array) -> None:
 @jit
 def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
     """Copy what became of the bodies in the last tick to row i of their record."""
-    borne, problem, bodies = world.borne[world.accepted], world.problem, world.bodies
+    forces, problem, bodies = world.contact_forces[world.accepted], world.problem, world.bodies
     for t in range(problem.bodies):
         body, shift, rate = bodies[t], record.shift[t, i], record.angular_velocity[t, i]
         copy_values(body.orientation[:], record.turn[t, i])
@@ -285,31 +284,31 @@ def record_bodies(record: WorldRecord, world: Record, i: int) -> None:
         copy_values(body.velocity[:], record.velocity[t, i])
         x, y, z = turned_back(body.axes, body.spin[0], body.spin[1], body.spin[2])
         rate[0], rate[1], rate[2] = turned(body.rotation, x, y, z)
-        _record_wrench(body, borne.hand_wrench[t], record.hand_wrench[t, i])
-        _record_wrench(body, borne.table_wrench[t], record.table_wrench[t, i])
-        _record_wrench(body, borne.body_wrench[t], record.body_wrench[t, i])
+        _record_wrench(body, forces.hand_wrench[t], record.hand_wrench[t, i])
+        _record_wrench(body, forces.table_wrench[t], record.table_wrench[t, i])
+        _record_wrench(body, forces.body_wrench[t], record.body_wrench[t, i])
         record.table_distance[t, i] = body.table_distance
-    record.friction_residual[0, i] = max(borne.residual, borne.bare)
+    record.friction_residual[0, i] = max(forces.residual, forces.frictionless_slip)
     row = record.contact[i]
-    for k in range(borne.count):
-        contact_code = borne.contact_code[k]
+    for k in range(forces.count):
+        contact_code = forces.contact_code[k]
         number, other = body_of(problem, contact_code), other_of(problem, contact_code)
         body = bodies[number]
         if other >= 0:
             record.body[row] = -2 - other
-            _record_point(bodies[other], borne.lever[k], record.other_point[row])
+            _record_point(bodies[other], forces.lever[k], record.other_point[row])
         elif contact_code >= 0:
             record.body[row] = contact_code % BODY_COUNT + BODY_COUNT * problem.hand[contact_code // BODY_COUNT]
         else:
             record.body[row] = -1
         for j in range(3):
-            borne.point[k, j] -= body.center[j]
-        _record_point(body, borne.point[k], record.point[row])
-        _out(body, borne.normal[k], record.normal[row])
-        _out(body, borne.friction[k], record.friction_force[row])
-        record.normal_force[row] = borne.load[k]
-        record.torsional_moment[row] = borne.moment[k]
-        record.slip[row] = borne.slip[k]
+            forces.point[k, j] -= body.center[j]
+        _record_point(body, forces.point[k], record.point[row])
+        _out(body, forces.normal[k], record.normal[row])
+        _out(body, forces.friction_force[k], record.friction_force[row])
+        record.normal_force[row] = forces.normal_force[k]
+        record.torsional_moment[row] = forces.torsional_moment[k]
+        record.slip[row] = forces.slip[k]
         record.contact_body[row] = number
         row += 1
     record.contact[i + 1] = row

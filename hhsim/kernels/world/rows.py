@@ -167,10 +167,10 @@ def friction_dtype(bodies: int) -> "np.dtype[Any]":
             ("slip", np.float64, (count, 3)),  # s of the tick with the last solution: μ Δ_t [m]
             ("spin", np.float64, (count,)),  # γ n · φ [m]
             ("length", np.float64, (count,)),  # |s| [m]
-            ("plain", np.float64, (count,)),  # multiplier of the normal row [N]
-            ("cone", np.float64, (count,)),  # multiplier of friction [N]
-            ("bearings", np.int64),  # number of contacts with rows of friction that bear a force
-            ("bearing", np.int64, (count,)),  # their places here
+            ("plain_load", np.float64, (count,)),  # multiplier of the normal row [N]
+            ("cone_load", np.float64, (count,)),  # multiplier of friction [N]
+            ("loaded_contacts", np.int64),  # number of contacts with rows of friction that bear a force
+            ("loaded_contact", np.int64, (count,)),  # their places here
             ("entries", np.int64, (bodies,)),  # number of points of the hull that a step had in the table
             ("entry", np.int64, (bodies, ENTRIES)),  # which points
             ("near", np.int64, (NEAR_POINTS,)),  # points of the hull within reach of the table
@@ -183,7 +183,7 @@ def friction_dtype(bodies: int) -> "np.dtype[Any]":
     )
 
 
-def held_dtype(bodies: int) -> "np.dtype[Any]":
+def last_friction_dtype(bodies: int) -> "np.dtype[Any]":
     """Build the dtype of the last program's contacts with friction: Γ [m], e_1, and the better direction for e_1."""
     count = friction_count(bodies)
     return np.dtype(
@@ -193,7 +193,7 @@ def held_dtype(bodies: int) -> "np.dtype[Any]":
             ("shift", np.float64, (count,)),
             ("along", np.float64, (count, 3)),
             ("about", np.float64, (count,)),
-            ("leaning", np.float64, (count, 4)),
+            ("next_direction", np.float64, (count, 4)),
         ],
         align=True,
     )
@@ -290,7 +290,7 @@ def begin_frictions(states: States, world: Record, step: Array, abduction: Array
     A contact that is new begins with its slip in `step`, unscaled and in the program's order, with `abduction` [rad] of
     all fingers. With `turns` the directions are those that turned out better.
     """
-    problem, held, friction = world.problem, world.held, world.friction
+    problem, last, friction = world.problem, world.last_friction, world.friction
     for i in range(friction.count):
         friction.shift[i] = 0.0
         if friction.has_friction[i] == 0:
@@ -301,17 +301,17 @@ def begin_frictions(states: States, world: Record, step: Array, abduction: Array
             friction.start[i, j] = friction.slip[i, j]
         key = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
         place = as_int64(-1)
-        for j in range(held.count):
-            if held.key[j] == key:
+        for j in range(last.count):
+            if last.key[j] == key:
                 place = as_int64(j)
                 break
         if place >= 0:
-            lean, along = held.leaning[place], held.along[place]
-            if turns and orient(friction, i, lean[0], lean[1], lean[2], lean[3]):
-                friction.shift[i] = held.shift[place]
+            direction, along = last.next_direction[place], last.along[place]
+            if turns and orient(friction, i, direction[0], direction[1], direction[2], direction[3]):
+                friction.shift[i] = last.shift[place]
                 continue
-            if orient(friction, i, along[0], along[1], along[2], held.about[place]):
-                friction.shift[i] = held.shift[place]
+            if orient(friction, i, along[0], along[1], along[2], last.about[place]):
+                friction.shift[i] = last.shift[place]
                 continue
         else:
             slip = measure_slip(states, world, step, abduction, i)

@@ -299,24 +299,24 @@ def _free_share(k: int, rows: Rows, end: Array, rounding: float, qp: QpWork) -> 
 
 @jit
 def correct_program(
-    lagrangian: Lagrangian, held: int, step: Array, rows: Rows, options: TickOptions, work: Record, qp: QpWork
+    lagrangian: Lagrangian, basis_rows: int, step: Array, rows: Rows, options: TickOptions, work: Record, qp: QpWork
 ) -> None:
     """Move qp.x, the solution of a program, to second order; `step` is that of all variables as far as known [m, rad].
 
-    `held` is the number of rows of qp.basis that the correction is at right angles to: the active set, or more.
+    The correction is at right angles to the first `basis_rows` rows of qp.basis: the active set, or more.
     """
     n, k, correction, end = lagrangian.n, qp.counts[0], work.correction, work.search
     tolerance, longest = options.tolerance, options.longest_correction
-    if k == 0 or held >= n:
+    if k == 0 or basis_rows >= n:
         return
-    _apply(lagrangian, step, held, qp.basis, work, work.residual[:])
+    _apply(lagrangian, step, basis_rows, qp.basis, work, work.residual[:])
     square = 0.0
     for j in range(n):
         correction[j], work.search[j] = 0.0, work.residual[j]
         square += work.residual[j] * work.residual[j]
     if square <= tolerance * tolerance:
         return
-    _conjugate_gradients(lagrangian, held, qp.basis, square, work)
+    _conjugate_gradients(lagrangian, basis_rows, qp.basis, square, work)
     length = 0.0
     for j in range(n):
         length += correction[j] * correction[j]
@@ -330,7 +330,7 @@ def correct_program(
 
 
 @jit
-def _hold_bodies(n: int, problem: Record, qp: QpWork) -> int:
+def _add_bodies_to_basis(n: int, problem: Record, qp: QpWork) -> int:
     """Add the bodies' columns to the basis of the active rows; return the number of its rows.
 
     What moves a body is what the program's multipliers put on it, by Newton's equation.
@@ -379,6 +379,6 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
     loaded, first = world.loaded, as_int64(0)
     row, force = loaded.row[: loaded.count], loaded.multiplier[: loaded.count]
     lagrangian = Lagrangian(options.pairs, states, world, row, force, root, first, n)
-    held = qp.counts[0] if still else _hold_bodies(n, problem, qp)
-    correct_program(lagrangian, held, problem.delta[:], wide_rows(problem), options, world.correction, qp)
+    basis_rows = qp.counts[0] if still else _add_bodies_to_basis(n, problem, qp)
+    correct_program(lagrangian, basis_rows, problem.delta[:], wide_rows(problem), options, world.correction, qp)
     return as_bool(True)

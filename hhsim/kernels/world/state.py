@@ -12,10 +12,10 @@ import numpy as np
 from hhsim.kernels.contact.hand_pairs import HAND_PAIRS
 from hhsim.kernels.tick.state import JOINTS, WORK_COUNTERS, correction_dtype
 from hhsim.kernels.world.body import BODY
-from hhsim.kernels.world.friction import coulomb_dtype, leanings_dtype
+from hhsim.kernels.world.friction import coulomb_dtype, directions_dtype
 from hhsim.kernels.world.program import LOADED
-from hhsim.kernels.world.record import borne_dtype
-from hhsim.kernels.world.rows import free_problem_dtype, friction_count, friction_dtype, held_dtype
+from hhsim.kernels.world.record import contact_forces_dtype
+from hhsim.kernels.world.rows import free_problem_dtype, friction_count, friction_dtype, last_friction_dtype
 
 MOST_HANDS, MOST_BODIES = 2, 6
 
@@ -33,18 +33,14 @@ def world_dtype() -> "np.dtype[Any]":
             ("problem", problem),  # the program
             ("friction", friction_dtype(bodies)),  # its contacts with friction
             ("loaded", LOADED),  # its loaded rows
-            ("held", held_dtype(bodies)),  # Γ and directions of the contacts with friction
+            ("last_friction", last_friction_dtype(bodies)),  # Γ and directions of the contacts with friction
             ("coulomb", coulomb_dtype(dof, frictions)),  # what finds Γ
-            ("leanings", leanings_dtype(dof, common, frictions)),  # what finds directions
+            ("directions", directions_dtype(dof, common, frictions)),  # what finds directions
             ("correction", correction_dtype(dof)),  # vectors of `kernels.world.second_order`
             ("bending_root", np.float64, (dof,)),  # 1 / √G of the variables of what bends, 0 for all others
             ("unsettled", np.bool_),  # the first hand moved in the last tick, or lagged
             ("curved", np.bool_),  # contacts of hands beside what stands still bend in the program at hand
-            (
-                "borne",
-                borne_dtype(bodies),
-                (2,),
-            ),  # contacts that bear a force at the last accepted step, and at the last
+            ("contact_forces", contact_forces_dtype(bodies), (2,)),  # at the last accepted step, and at the last
             ("accepted", np.int64),  # which of the two is of the accepted one
             ("safe_total", np.float64, (dof,)),  # the tick's step up to the last accepted one
             ("safe_abduction", np.float64, (fingers,)),  # its fingers' spread

@@ -42,10 +42,10 @@ from hhsim.kernels.tick.step import (
     DURATION_FORCE,
     DURATION_PALM,
     WHOLE_TARGET,
-    bear_contacts,
     copy_active,
     keep_bound,
     lap,
+    store_active_contacts,
 )
 from hhsim.kernels.tick.tick import (
     MOST_FAILED_STEPS,
@@ -121,7 +121,7 @@ def _find_loads(method: World, state: Record) -> None:
     world, states = method.world[0], method.states
     problem = world.problem
     for h in range(problem.hands if method.bodies == 0 else 0):
-        bear_contacts(state.contacts, problem.first[h], problem.last[h], world.loaded, states[h].warm)
+        store_active_contacts(state.contacts, problem.first[h], problem.last[h], world.loaded, states[h].warm)
     bear_meetings(states, world.hand_pairs)
 
 
@@ -132,12 +132,12 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
     if pairs.kept < 0.0:
         pairs.kept = min(pairs.least[CROSS], 0.0)
-    done = held = as_bool(ask_bodies(method, STAGE.KEEP, 0.0) > 0.0 or still)
+    done = joints_kept = as_bool(ask_bodies(method, STAGE.KEEP, 0.0) > 0.0 or still)
     for p in range(problem.pairs):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
         states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
         done = (arrived or (still and states[p].progress.snaps)) and done
-    if not held:
+    if not joints_kept:
         state.progress.lag = max(state.progress.lag, longest)
     if pairs.crossing > 0 and longest > options.step_tolerance:
         # Hands that meet bend their rows: they have not arrived after a whole step that is long.
