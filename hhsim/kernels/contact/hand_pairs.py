@@ -142,15 +142,15 @@ class PairsCode(NamedTuple):
 
 NO_PAIRS = PairsCode()
 """In place of the pairs of a hand whose parts go through each other."""
-LOOK, FORESEE, ADD, SHARE, SHARE_OF_TWO = map(as_int64, range(5))
+MEASURE_PAIRS, KEEP_LOADED_ROWS, ADD_ROWS, CLEAR_SHARE, CROSS_SHARE = map(as_int64, range(5))
 """What `ask_pairs` is asked to do."""
 
 
 @jit_inline
 def ask_pairs(code: PairsCode, asked: int, length: float, radius: float) -> float:
-    """Do a stage as `do_pairs` does; without pairs return 1 for SHARE, and 0 for all others."""
+    """Do a stage as `do_pairs` does; without pairs return 1 for CLEAR_SHARE, and 0 for all others."""
     if code.doing == 0:
-        return 1.0 if asked == SHARE else 0.0
+        return 1.0 if asked == CLEAR_SHARE else 0.0
     return number_of_code(code.doing, (code.given, as_int64(asked), length, radius))
 
 
@@ -498,7 +498,7 @@ def _add_row(pairs: HandPairs, pair: int, body: int, other: int, multiplier: flo
 
 
 @jit
-def foresee_rows(pairs: HandPairs, offset: float) -> None:
+def keep_loaded_rows(pairs: HandPairs, offset: float) -> None:
     """Begin a program with the rows that bore a force in the one before."""
     rows, held = pairs.rows[0], pairs.rows[0].count
     rows.count = rows.crossing = 0
@@ -585,17 +585,17 @@ def clear_share(pairs: HandPairs, kind: int, extra: float, radius: float) -> flo
 def do_pairs(pairs: HandPairs, asked: int, length: float, radius: float) -> float:
     """Do one stage of a tick for pairs, with a length of its own and a trust radius [m].
 
-    Returns the share of the step for SHARE, which for SHARE_OF_TWO is that of pairs of two hands alone, and 1 for ADD
+    Returns the share of the step for CLEAR_SHARE, for CROSS_SHARE that of pairs of two hands alone, and 1 for ADD_ROWS
     where a row is new; else 0.
     """
-    if asked == LOOK:
+    if asked == MEASURE_PAIRS:
         measure_pairs(pairs, length)
-    elif asked == FORESEE:
-        foresee_rows(pairs, length)
-    elif asked == ADD:
+    elif asked == KEEP_LOADED_ROWS:
+        keep_loaded_rows(pairs, length)
+    elif asked == ADD_ROWS:
         return 1.0 if add_rows(pairs, length) else 0.0
-    elif asked >= SHARE:
-        return clear_share(pairs, OWN if asked == SHARE else CROSS, length, radius)
+    elif asked >= CLEAR_SHARE:
+        return clear_share(pairs, OWN if asked == CLEAR_SHARE else CROSS, length, radius)
     return 0.0
 
 

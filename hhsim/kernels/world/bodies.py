@@ -21,7 +21,7 @@ from hhsim.kernels.world.body import (
     keep_body,
     move_body,
     predict,
-    take_body_back,
+    restore_body,
     take_velocity,
     turn_back,
     world_to_body,
@@ -118,7 +118,7 @@ def _measure_table(method: World) -> tuple[float, int, int]:
 
 
 @jit
-def _begin(method: World) -> None:
+def _begin_tick(method: World) -> None:
     """Take the user's hands, and let the bodies go on by their velocity and their weight."""
     world = method.world[0]
     problem = world.problem
@@ -142,7 +142,7 @@ def _begin(method: World) -> None:
 
 
 @jit
-def _see_hands(method: World) -> None:
+def _transform_hands(method: World) -> None:
     """Take the user's hands to the frame of the first body."""
     world = method.world[0]
     for h in range(world.problem.hands):
@@ -152,7 +152,7 @@ def _see_hands(method: World) -> None:
 
 
 @jit
-def _aim(method: World) -> None:
+def _set_targets(method: World) -> None:
     """Find where hands and bodies want to go, and how the frame of the first body is turned to that of each pair's."""
     world = method.world[0]
     problem, bodies = world.problem, world.bodies
@@ -162,7 +162,7 @@ def _aim(method: World) -> None:
         for j in range(3):
             x, y, z = turned_back(own, base[0, j], base[1, j], base[2, j])
             problem.turn[p, 0, j], problem.turn[p, 1, j], problem.turn[p, 2, j] = x, y, z
-    _see_hands(method)
+    _transform_hands(method)
     for k in range(problem.bodies):
         body_target(bodies[k], problem.body_target[OBJECT_DOF * k : OBJECT_DOF * k + OBJECT_DOF])
         bodies[k].clipped[:] = 0.0
@@ -194,7 +194,7 @@ def _write_columns(method: World) -> int:
 
 
 @jit
-def _clip(method: World, fraction: float) -> None:
+def _clip_targets(method: World, fraction: float) -> None:
     """Leave the bodies' targets, and Γ, a fraction of their steps."""
     world = method.world[0]
     problem, off = world.problem, 1.0 - fraction
@@ -207,7 +207,7 @@ def _clip(method: World, fraction: float) -> None:
 
 
 @jit
-def _move(method: World, fraction: float) -> None:
+def _move_bodies(method: World, fraction: float) -> None:
     """Move the bodies by a share of their step, give the hands theirs past them, and find what bears both."""
     world = method.world[0]
     problem, bodies, total, delta = world.problem, world.bodies, world.problem.total, world.problem.delta
@@ -240,7 +240,7 @@ def _move(method: World, fraction: float) -> None:
 
 
 @jit
-def _keep(world: Record) -> None:
+def _accept_step(world: Record) -> None:
     """Keep the bodies' poses, and what bears them, as those of an accepted step."""
     problem = world.problem
     for k in range(problem.bodies):
@@ -254,17 +254,17 @@ def _keep(world: Record) -> None:
 
 
 @jit
-def _take_back(world: Record) -> None:
+def _restore_poses(world: Record) -> None:
     """Return to the bodies' last poses without penetration."""
     for k in range(world.problem.bodies):
-        take_body_back(world.bodies[k])
+        restore_body(world.bodies[k])
     variables = variable_count(world.problem)
     copy_values(world.safe_total[:variables], world.problem.total[:variables])
     copy_values(world.safe_abduction[:], world.problem.abduction_total[:])
 
 
 @jit
-def _damp(method: World, state: Record) -> float:
+def _damp_hands(method: World, state: Record) -> float:
     """Damp hands that are beyond their bound; 1 if the program is then to be solved anew from the safe poses."""
     world, options = method.world[0], method.options
     ratio = beyond_bound(method.states, world)
@@ -283,7 +283,7 @@ def _damp(method: World, state: Record) -> float:
 
 
 @jit
-def _end(method: World) -> None:
+def _end_tick(method: World) -> None:
     """Take velocities and forces on hands, none where no step was accepted, and see the user's hands from here."""
     world, accepted = method.world[0], method.states[0].progress.is_accepted
     problem = world.problem
@@ -291,7 +291,7 @@ def _end(method: World) -> None:
         clear_contact_forces(problem.bodies, world.contact_forces[world.accepted])
     for k in range(problem.bodies if accepted else 0):
         take_velocity(world.bodies[k])
-    _see_hands(method)
+    _transform_hands(method)
     for h in range(problem.hands):
         each = method.states[h]
         each.active.count = each.active.count if accepted else 0
@@ -307,45 +307,45 @@ def do_bodies(method: World, asked: int, value: float) -> float:
     """
     world, state, p = method.world[0], method.states[0], as_int64(int(value))
     problem = world.problem
-    if asked == STAGE.BEGIN:
-        _begin(method)
-    elif asked == STAGE.PLACE:
+    if asked == STAGE.BEGIN_TICK:
+        _begin_tick(method)
+    elif asked == STAGE.PLACE_PAIRS:
         _place_pairs(method)
         _measure_table(method)
         for k in range(problem.bodies):
             world.bodies[k].table_distance = world.bodies[k].measured_distance
-    elif asked == STAGE.EDGES:
+    elif asked == STAGE.MEASURE_EDGES:
         _measure_edges(method)
-    elif asked == STAGE.AIM:
-        _aim(method)
-    elif asked == STAGE.CONTACTS:
+    elif asked == STAGE.SET_TARGETS:
+        _set_targets(method)
+    elif asked == STAGE.RECORD_EDGES:
         _record_edges(method, p)
-    elif asked == STAGE.LOWEST:
+    elif asked == STAGE.KEEP_LOWEST:
         keep_lowest(method.states[p].contacts, method.states[p].open_distance[:], world.friction)
-    elif asked == STAGE.COLUMNS:
+    elif asked == STAGE.WRITE_COLUMNS:
         return float(_write_columns(method))
-    elif asked == STAGE.REWRITE:
+    elif asked == STAGE.REWRITE_COLUMNS:
         object_columns(method.states, world)
-    elif asked == STAGE.CLIP:
-        _clip(method, value)
-    elif asked == STAGE.STEPS:
+    elif asked == STAGE.CLIP_TARGETS:
+        _clip_targets(method, value)
+    elif asked == STAGE.TAKE_STEPS:
         take_steps(method.states, world.bodies, 1.0, problem)
-    elif asked == STAGE.MOVE:
-        _move(method, value)
-    elif asked == STAGE.TABLE:
+    elif asked == STAGE.MOVE_BODIES:
+        _move_bodies(method, value)
+    elif asked == STAGE.MEASURE_TABLE:
         table, number, lowest = _measure_table(method)
         if table < 0.0:
             keep_entry(number, lowest, world.friction)
         return table
-    elif asked == STAGE.DAMP:
-        return _damp(method, state)
-    elif asked == STAGE.KEEP:
-        _keep(world)
+    elif asked == STAGE.DAMP_HANDS:
+        return _damp_hands(method, state)
+    elif asked == STAGE.ACCEPT_STEP:
+        _accept_step(world)
         return 1.0 if joints_hold(method.states, world) else 0.0
-    elif asked == STAGE.BACK:
-        _take_back(world)
-    elif asked == STAGE.END:
-        _end(method)
-    elif asked == STAGE.SNAP:
+    elif asked == STAGE.RESTORE_POSES:
+        _restore_poses(world)
+    elif asked == STAGE.END_TICK:
+        _end_tick(method)
+    elif asked == STAGE.MARK_SNAP:
         mark_snap(method.states[p], world)
     return 0.0

@@ -180,7 +180,7 @@ def keep_body(body: Record) -> None:
 
 
 @jit
-def take_body_back(body: Record) -> None:
+def restore_body(body: Record) -> None:
     """Return to the safe pose."""
     copy_values(body.safe_left[:], body.left[:])
     copy_values(body.safe_pushed[:], body.pushed[:])

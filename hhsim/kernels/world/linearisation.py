@@ -7,7 +7,7 @@ together until none does.
 import numpy as np
 
 from hhsim.kernels.contact.detection import find_surface_contacts, pairs_near
-from hhsim.kernels.contact.hand_pairs import ADD, DEEP, FORESEE, SHARE, ask_pairs
+from hhsim.kernels.contact.hand_pairs import ADD_ROWS, CLEAR_SHARE, DEEP, KEEP_LOADED_ROWS, ask_pairs
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
@@ -59,14 +59,14 @@ def _find_contacts(method: World, near: float, state: Record) -> int:
         elif not find_program_contacts(arrays, surface_at(method, p), method.options, each):
             return as_int64(-1)
         if problem.other[p] >= 0:
-            ask_bodies(method, STAGE.CONTACTS, float(p))
+            ask_bodies(method, STAGE.RECORD_EDGES, float(p))
         world.found[p] = contacts.start[FINGER_COUNT + 1]
         # A row that may give in to a depth implies no other one.
         if near == 0.0 and not (world.stays and problem.slacks > 0):
             reach = min(each.trust.reach, each.trust.radius)
             drop_redundant_contacts(arrays, reach, contacts, each.open_distance[:])
         if problem.other[p] >= 0:
-            ask_bodies(method, STAGE.LOWEST, float(p))
+            ask_bodies(method, STAGE.KEEP_LOWEST, float(p))
         count = contacts.start[FINGER_COUNT + 1]
         if row + count > joined.key.shape[0]:
             return as_int64(-1)
@@ -140,7 +140,7 @@ def prepare(method: World, near: float, state: Record) -> int:
     """
     world = method.world[0]
     options, problem = method.options, world.problem
-    ask_bodies(method, STAGE.AIM, 0.0)
+    ask_bodies(method, STAGE.SET_TARGETS, 0.0)
     count = _find_contacts(method, near, state)
     if count < 0:
         return -1
@@ -154,12 +154,12 @@ def prepare(method: World, near: float, state: Record) -> int:
         damped_target(world, as_int64(h), as_int64(0), as_int64(6))
     if world.hand_pairs.kept < -DEEP:
         part_targets(method.states, problem, world.hand_pairs.kept)
-    ask_pairs(options.pairs, FORESEE, options.offset, 0.0)
+    ask_pairs(options.pairs, KEEP_LOADED_ROWS, options.offset, 0.0)
     count += world.hand_pairs.count
     _aim_fingers(method, world)
     _write_contacts(method, state)
     name_rows(state.contacts, problem)
-    count += int(ask_bodies(method, STAGE.COLUMNS, 0.0))
+    count += int(ask_bodies(method, STAGE.WRITE_COLUMNS, 0.0))
     scale_target(world)
     for p in range(problem.pairs if near == 0.0 else 0):
         each = method.states[p]
@@ -175,7 +175,7 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     """Add rows of pairs of hands' parts that the step at hand would bring together; return whether one is new."""
     world, options = method.world[0], method.options
     problem = world.problem
-    if ask_pairs(options.pairs, ADD, options.offset, 0.0) == 0.0:
+    if ask_pairs(options.pairs, ADD_ROWS, options.offset, 0.0) == 0.0:
         return False
     for h in range(problem.hands if is_still(problem) else 0):
         work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].meeting.rows
@@ -206,7 +206,7 @@ def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp
         world.problem.gamma_error = 0.0
         if is_still(world.problem):
             take_hand_steps(method.states, world.problem)
-        ask_bodies(method, STAGE.STEPS, 0.0)
+        ask_bodies(method, STAGE.TAKE_STEPS, 0.0)
     for _ in range(ROUNDS):
         if status != OPTIMAL or not _add_rows(method, clipped, state):
             break
@@ -236,7 +236,7 @@ def allowed_share(method: World) -> tuple[float, float]:
     radius = method.states[0].trust.radius
     for h in range(1, problem.hands):
         radius = min(radius, method.states[h].trust.radius)
-    return min(fraction, ask_pairs(method.options.pairs, SHARE, 0.0, radius)), longest
+    return min(fraction, ask_pairs(method.options.pairs, CLEAR_SHARE, 0.0, radius)), longest
 
 
 @jit
@@ -270,7 +270,7 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
             problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
         for f in range(FINGER_COUNT):
             method.states[h].problem.abduction_step[f] *= fraction
-    ask_bodies(method, STAGE.CLIP, fraction)
+    ask_bodies(method, STAGE.CLIP_TARGETS, fraction)
     _write_anew(method, state)
     scale_target(world)
     return longest, fraction
@@ -283,7 +283,7 @@ def _write_anew(method: World, state: Record) -> None:
     _write_contacts(method, state)
     if world.problem.pairs > world.problem.hands:
         # What this writes anew has not been turned to the frame of the first body.
-        ask_bodies(method, STAGE.REWRITE, 0.0)
+        ask_bodies(method, STAGE.REWRITE_COLUMNS, 0.0)
 
 
 @jit

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hhsim.kernels.by_reference import by_reference
 from hhsim.kernels.contact.detection import SurfaceCode
-from hhsim.kernels.contact.hand_pairs import EXACT, LOOK, ask_pairs
+from hhsim.kernels.contact.hand_pairs import EXACT, MEASURE_PAIRS, ask_pairs
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PHALANX_COUNT, HandArrays
 from hhsim.kernels.hand.pose import farthest_joint
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline, jit_noinline
@@ -36,7 +36,9 @@ from hhsim.kernels.world.columns import States, hand_column
 from hhsim.kernels.world.edges import Edges
 
 Stage = namedtuple(
-    "Stage", "BEGIN PLACE EDGES AIM CONTACTS LOWEST COLUMNS REWRITE CLIP STEPS MOVE TABLE DAMP KEEP BACK END SNAP"
+    "Stage",
+    "BEGIN_TICK PLACE_PAIRS MEASURE_EDGES SET_TARGETS RECORD_EDGES KEEP_LOWEST WRITE_COLUMNS REWRITE_COLUMNS "
+    "CLIP_TARGETS TAKE_STEPS MOVE_BODIES MEASURE_TABLE DAMP_HANDS ACCEPT_STEP RESTORE_POSES END_TICK MARK_SNAP",
 )
 STAGE = Stage(*map(as_int64, range(len(Stage._fields))))
 """What `ask_bodies` is asked to do."""
@@ -90,8 +92,8 @@ def measure(method: World) -> bool:
     for p in range(method.world[0].problem.pairs):
         arrays, its = mover_of(method, p), surface_at(method, p)
         fits = evaluate_pose(arrays, its, method.options, method.states[p]) and fits
-    ask_pairs(method.options.pairs, LOOK, EXACT, 0.0)
-    ask_bodies(method, STAGE.EDGES, 0.0)
+    ask_pairs(method.options.pairs, MEASURE_PAIRS, EXACT, 0.0)
+    ask_bodies(method, STAGE.MEASURE_EDGES, 0.0)
     method.states[0].progress.pairs_overflow = not fits
     return fits
 
@@ -99,7 +101,7 @@ def measure(method: World) -> bool:
 @jit
 def rebuild(method: World) -> bool:
     """Take the poses of hands and bodies as they now stand, as each sees what is near; returns whether pairs fit."""
-    ask_bodies(method, STAGE.PLACE, 0.0)
+    ask_bodies(method, STAGE.PLACE_PAIRS, 0.0)
     for p in range(method.world[0].problem.pairs):
         forget_lists(method.states[p])
     return measure(method)

@@ -5,7 +5,7 @@ tick of both hands (`kernels.world.tick`), whose pairs' states are those of the 
 """
 
 from hhsim.kernels.clock import monotonic_ns, thread_cpu_ns
-from hhsim.kernels.contact.hand_pairs import CROSS, EXACT, LOOK, SHARE_OF_TWO, ask_pairs
+from hhsim.kernels.contact.hand_pairs import CROSS, CROSS_SHARE, EXACT, MEASURE_PAIRS, ask_pairs
 from hhsim.kernels.hand.kinematics import coarse_bounds
 from hhsim.kernels.hand.pose import copy_configuration, step_between
 from hhsim.kernels.jit import as_bool, as_int64, jit, jit_noinline
@@ -34,8 +34,8 @@ def _may_have_met(method: World) -> bool:
         pairs.least[CROSS] -= coarse_bounds(method.movers[h], delta, abduction, pairs.motion[h, CROSS])
     if pairs.least[CROSS] > options.offset:
         return False
-    ask_pairs(options.pairs, LOOK, options.offset, 0.0)
-    return as_bool(ask_pairs(options.pairs, SHARE_OF_TWO, options.offset, 0.0) < 1.0)
+    ask_pairs(options.pairs, MEASURE_PAIRS, options.offset, 0.0)
+    return as_bool(ask_pairs(options.pairs, CROSS_SHARE, options.offset, 0.0) < 1.0)
 
 
 @jit_noinline
@@ -44,9 +44,9 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
     world, states, pairs = method.world[0], method.states, method.options.pairs
     if parts_move:
         world.hand_pairs.kept = 0.0
-        ask_pairs(pairs, LOOK, 0.0, 0.0)
+        ask_pairs(pairs, MEASURE_PAIRS, 0.0, 0.0)
         world.hand_pairs.kept = min(world.hand_pairs.least[CROSS], 0.0)
-        ask_pairs(pairs, LOOK, 0.0, 0.0)
+        ask_pairs(pairs, MEASURE_PAIRS, 0.0, 0.0)
     for h in range(2):
         state = states[h]
         copy_configuration(state.pose, state.prediction.start)
@@ -59,10 +59,10 @@ def _tick_of_both(alone: tuple[World, World], method: World, parts_move: bool, q
         for h in range(2):
             world.status[h] |= STATUS_NO_PLACE
     near = method.options.margin
-    ask_pairs(pairs, LOOK, near, 0.0)
+    ask_pairs(pairs, MEASURE_PAIRS, near, 0.0)
     world.is_near = world.hand_pairs.least[CROSS] < near
     for h in range(2):
-        ask_pairs(alone[h].options.pairs, LOOK, EXACT, 0.0)
+        ask_pairs(alone[h].options.pairs, MEASURE_PAIRS, EXACT, 0.0)
 
 
 @jit

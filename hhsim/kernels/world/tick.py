@@ -62,7 +62,13 @@ from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_line
 from hhsim.kernels.world.meeting import bear_meetings
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
-from hhsim.kernels.world.restoration import forget_prediction, keep_first_step, predict_pose, take_back, take_free_share
+from hhsim.kernels.world.restoration import (
+    forget_prediction,
+    keep_first_step,
+    predict_pose,
+    restore_pose,
+    take_free_share,
+)
 
 STILL = 2e-3
 """Motion of a hand in the last tick, in offsets, up to which the first program of the next one is flat."""
@@ -77,19 +83,19 @@ def _goes_alone(method: World) -> bool:
 
 
 @jit
-def _take_back(method: World) -> None:
+def _restore_poses(method: World) -> None:
     """Return to the last poses without penetration."""
     world = method.world[0]
     for p in range(world.problem.pairs):
-        take_back(method.states[p])
+        restore_pose(method.states[p])
         method.states[p].progress.failed_steps = 0
-    ask_bodies(method, STAGE.BACK, 0.0)
+    ask_bodies(method, STAGE.RESTORE_POSES, 0.0)
 
 
 @jit
 def _retry(method: World, state: Record) -> bool:
     """Return to the last poses without penetration with a smaller trust radius; False where the pairs do not fit."""
-    _take_back(method)
+    _restore_poses(method)
     for p in range(0 if state.prediction.is_predicted else method.world[0].problem.pairs):
         method.states[p].trust.radius *= TRUST_DECAY
     state.prediction.is_predicted = False
@@ -132,7 +138,7 @@ def _accept_all(method: World, fraction: float, longest: float, full_motion: flo
     problem, still, pairs = world.problem, is_still(world.problem), world.hand_pairs
     if pairs.kept < 0.0:
         pairs.kept = min(pairs.least[CROSS], 0.0)
-    done = joints_kept = as_bool(ask_bodies(method, STAGE.KEEP, 0.0) > 0.0 or still)
+    done = joints_kept = as_bool(ask_bodies(method, STAGE.ACCEPT_STEP, 0.0) > 0.0 or still)
     for p in range(problem.pairs):
         arrived = accept(options, fraction, world.longest[p], full_motion, states[p])
         states[p].progress.snaps = problem.other[p] < 0 and states[problem.hand[p]].progress.snaps
@@ -197,7 +203,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     for h in range(problem.hands if still else 0):
         hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
-    ask_bodies(method, STAGE.MOVE, fraction)
+    ask_bodies(method, STAGE.MOVE_BODIES, fraction)
     _find_loads(method, state)
     for p in range(pairs):
         motion = world.longest[p]
@@ -211,7 +217,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     for p in range(pairs):
         least = min(least, least_distance(states[p]))
     if not still:
-        least = min(least, ask_bodies(method, STAGE.TABLE, 0.0))
+        least = min(least, ask_bodies(method, STAGE.MEASURE_TABLE, 0.0))
     if not fits:
         progress.lag = max(full_motion, longest) - fraction * longest
         done = True
@@ -219,8 +225,8 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
         done = bool(progress.pairs_overflow)
     elif least < 0.0:
         done = _fail(method, fraction, longest, full_motion, clearance, state)
-    elif ask_bodies(method, STAGE.DAMP, 0.0) > 0.0:
-        _take_back(method)
+    elif ask_bodies(method, STAGE.DAMP_HANDS, 0.0) > 0.0:
+        _restore_poses(method)
         done = not measure(method)
     else:
         done = _accept_all(method, fraction, longest, full_motion, state)
@@ -282,7 +288,7 @@ def _finish_way(method: World, state: Record) -> tuple[bool, bool]:
             state.trust.radius = share * min(state.trust.reach, state.trust.radius)
         return as_bool(pairs_overflow or progress.pairs_overflow), made_part
     if progress.failed_steps > 0 or pairs_overflow:
-        _take_back(method)
+        _restore_poses(method)
         pairs_overflow = as_bool(not measure(method) or pairs_overflow)
     return pairs_overflow, as_bool(False)
 
@@ -295,7 +301,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     cut_short = state.work[WORK_LINEARISATIONS] < options.linearisations and spent_units(state) >= options.budget
     still, palm_yields = is_still(problem), state.progressive.variables > 6
     pairs_overflow, made_part = _finish_way(method, state)
-    ask_bodies(method, STAGE.END, 0.0)
+    ask_bodies(method, STAGE.END_TICK, 0.0)
     for p in range(problem.pairs):
         each = states[p]
         # Beside what moves a hand that snaps has made all of its step, unless it lags as well. Both hands are damped.
@@ -303,7 +309,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         each.progress.snaps = each.progress.snaps and not snaps
         world.status[p] = tick_status(cut_short, made_part, each)
         if snaps and progress.is_accepted:
-            ask_bodies(method, STAGE.SNAP, float(p))
+            ask_bodies(method, STAGE.MARK_SNAP, float(p))
         if pairs_overflow:
             world.status[p] |= STATUS_CAPACITY_EXCEEDED
         if p >= problem.hands:
@@ -352,7 +358,7 @@ def follow(method: World, state: Record, qp: QpWork) -> int:
     moves = progress.path > STILL * options.offset
     method.world[0].unsettled = moves or (progress.lag > 0.0 and not progress.snaps)
     state.step.lap = monotonic_ns()
-    ask_bodies(method, STAGE.BEGIN, 0.0)
+    ask_bodies(method, STAGE.BEGIN_TICK, 0.0)
     for p in range(method.world[0].problem.pairs if method.bodies == 0 else 0):
         begin_tick(options, method.states[p])
     if _goes_alone(method):
