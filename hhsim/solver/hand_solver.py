@@ -192,11 +192,10 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     before = compiled_kernels()
     mesh = Mesh(np.full((3, 3), 100.0) + 0.01 * np.eye(3), np.array([[0, 1, 2]]))
     ball = SphereTree(mesh.vertices[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
-    made = contact_surface(options.surface, mesh, ball)
-    one: Any = made.arrays
-    surface = one
+    ball_surface = contact_surface(options.surface, mesh, ball)
+    surface: Any = ball_surface.arrays
     if jointed:
-        surface = jointed_surface([made], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
+        surface = jointed_surface([ball_surface], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(
@@ -204,7 +203,7 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
+    penetration(ball_surface.arrays, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
         look_at(solver.workspace.hand, solver.workspace.code, solver.workspace.tick_options, solver.workspace.states)
     return WarmUp(time.perf_counter() - began, compiled_kernels() > before)

@@ -147,10 +147,10 @@ def outside_class(name: str) -> Any:
     if name not in declared_methods():
         if ":" not in name:
             raise UnknownNameError("method", name, method_names())
-        here = str(Path.cwd())
-        if here not in sys.path:
+        folder = str(Path.cwd())
+        if folder not in sys.path:
             # Behind all that is installed: a file beside the user's data must not take a library's place.
-            sys.path.append(here)
+            sys.path.append(folder)
     try:
         found = entry.load()
     except (Exception, SystemExit) as error:
@@ -165,10 +165,10 @@ def outside_class(name: str) -> Any:
     return found
 
 
-def source_of(made: Any) -> str:
+def source_of(definition: Any) -> str:
     """Return the SHA-256 of the file of a class or function; "" without one."""
     try:
-        return hashlib.sha256(Path(inspect.getfile(made)).read_bytes()).hexdigest()
+        return hashlib.sha256(Path(inspect.getfile(definition)).read_bytes()).hexdigest()
     except (TypeError, OSError):
         return ""
 

@@ -193,11 +193,11 @@ class SolverOptions:
     def from_json(cls, values: Mapping[str, Any]) -> "SolverOptions":
         """Return the options of plain values, defaults for those left out; raise InputError for an unfit one."""
         try:
-            given = dict(values)
-            if "stiffness" in given:
-                given["stiffness"] = Stiffness(**given["stiffness"])
-            if "fingers" in given:
-                given["fingers"] = tuple(given["fingers"])
-            return cls(**given)
+            fields = dict(values)
+            if "stiffness" in fields:
+                fields["stiffness"] = Stiffness(**fields["stiffness"])
+            if "fingers" in fields:
+                fields["fingers"] = tuple(fields["fingers"])
+            return cls(**fields)
         except TypeError as error:
             raise InputError(str(error)) from None

@@ -108,13 +108,13 @@ class OutsideEngine:
             self._tick(HandConfiguration(*sample), i, record)
         return len(haptic.position)
 
-    def _call(self, what: str, function: Callable[..., Any], *given: Any) -> tuple[Any, int, int]:
+    def _call(self, what: str, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int, int]:
         """Return the value of a call, and its wall and CPU time [ns]."""
         try:
             # What it prints is no part of this program's output.
             with redirect_stdout(sys.stderr):
                 cpu, wall = process_time_ns(), perf_counter_ns()
-                value = function(*given)
+                value = function(*arguments)
                 return value, perf_counter_ns() - wall, process_time_ns() - cpu
         except InputError:
             raise
@@ -172,8 +172,8 @@ class OutsideEngine:
                 self.haptic[name][:] = values
             self.haptic["orientation"] /= norm(self.haptic["orientation"])
         # Copies, so that nothing of ours is the method's to write to.
-        given = HandConfiguration(*(values.copy() for values in self.haptic.values()))
-        found, wall, cpu = self._call("fails", self.method.tick, given)
+        sample = HandConfiguration(*(values.copy() for values in self.haptic.values()))
+        found, wall, cpu = self._call("fails", self.method.tick, sample)
         answer = self._checked(found, max(wall, cpu))
         self.ticks += 1
         for name, values in answer.pose._asdict().items():

@@ -80,7 +80,7 @@ class EngineScene:
 def engine_scene(scene: Scene) -> EngineScene:
     """Return a scene in its engine's frame: that of an object that moves as recorded, else the world's."""
     solids, first = list(scene.solids), scene.hands[0]
-    given = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
+    hands = tuple(HandConfiguration.of(hand.ticks) for hand in scene.hands)
     moves = [body for body in solids if body.is_free]
     if moves:
         solids.sort(key=lambda body: body is not moves[0])
@@ -92,27 +92,28 @@ def engine_scene(scene: Scene) -> EngineScene:
         planes = [body for body in scene.bodies if isinstance(body, HalfSpace)]
         mesh, tree = replace(body.placed_mesh, name=scene.name), body.placed_tree
         parts = _free_parts(scene, solids) if len(solids) > 1 else None
-        return EngineScene(mesh, tree, place, None, given, body, parts, (*solids[1:], *planes))
+        return EngineScene(mesh, tree, place, None, hands, body, parts, (*solids[1:], *planes))
     carrier = first.ticks.object_motion
     if len(solids) == 1:
         carrier = body.motion.poses if isinstance(body.motion, Driven) else None
     moved = None if carrier is None else carrier.since(*carrier.at(0))
     if len(solids) == 1:
-        haptic = tuple(seen_hand(hand, moved) for hand in given)
+        haptic = tuple(seen_hand(hand, moved) for hand in hands)
         mesh = replace(body.placed_mesh, name=scene.name)
         return EngineScene(mesh, body.placed_tree, place, carrier, haptic, None, None)
-    world = [_poses(one, scene.ticks.tick_count) for one in solids]
-    values = {one.name: one.motion.values for one in solids if isinstance(one.motion, Driven)}
-    joints = {name: of for name, of in values.items() if of is not None}
-    if moved is not None and not all(one.name in joints or _goes_along(at, moved) for one, at in zip(solids, world)):
+    motions = [_poses(solid, scene.ticks.tick_count) for solid in solids]
+    driven = {solid.name: solid.motion.values for solid in solids if isinstance(solid.motion, Driven)}
+    joints = {name: values for name, values in driven.items() if values is not None}
+    carried = [motion for solid, motion in zip(solids, motions) if solid.name not in joints]
+    if moved is not None and not all(_goes_along(motion, moved) for motion in carried):
         carrier = moved = None
-    begin = [RigidMotion(one.orientation[None], one.position[None]) for one in solids]
-    mesh = placed_mesh([one.mesh for one in solids], begin, scene.name)
-    tree = joined_tree([one.tree for one in solids], begin, scene.name, mesh)
-    poses = np.stack([np.concatenate(of, axis=1) for of in world], axis=1)
-    shapes = tuple(one.name for one in solids), tuple(one.mesh for one in solids), tuple(one.tree for one in solids)
-    parts = MovingParts(scene.name, *shapes, poses, joints, moved)
-    haptic = tuple(seen_hand(hand, moved) for hand in given)
+    begin = [RigidMotion(solid.orientation[None], solid.position[None]) for solid in solids]
+    names, meshes, trees = zip(*((solid.name, solid.mesh, solid.tree) for solid in solids))
+    mesh = placed_mesh(meshes, begin, scene.name)
+    tree = joined_tree(trees, begin, scene.name, mesh)
+    poses = np.stack([np.concatenate(motion, axis=1) for motion in motions], axis=1)
+    parts = MovingParts(scene.name, names, meshes, trees, poses, joints, moved)
+    haptic = tuple(seen_hand(hand, moved) for hand in hands)
     return EngineScene(mesh, tree, place, carrier, haptic, None, parts)
 
 
@@ -138,10 +139,10 @@ def _goes_along(poses: ObjectMotion, along: RigidMotion) -> bool:
 
 def _free_parts(scene: Scene, solids: Sequence[Body]) -> MovingParts:
     """Return room for the poses of all bodies at the ticks, and the motion of the driven ones."""
-    moved = ((one, one.motion.poses) for one in solids if isinstance(one.motion, Driven))
-    driven = {one.name: poses.since(one.position, one.orientation) for one, poses in moved}
-    meshes, trees = tuple(one.placed_mesh for one in solids), tuple(one.placed_tree for one in solids)
-    names, room = tuple(one.name for one in solids), np.zeros((scene.ticks.tick_count, len(solids), 7))
+    moved = ((solid, solid.motion.poses) for solid in solids if isinstance(solid.motion, Driven))
+    driven = {solid.name: poses.since(solid.position, solid.orientation) for solid, poses in moved}
+    meshes, trees = tuple(solid.placed_mesh for solid in solids), tuple(solid.placed_tree for solid in solids)
+    names, room = tuple(solid.name for solid in solids), np.zeros((scene.ticks.tick_count, len(solids), 7))
     return MovingParts(scene.name, names, meshes, trees, room, {}, free=True, driven=driven)
 
 
@@ -193,17 +194,17 @@ class WorldSolver:
         With a free object they are in the world, and the ticks are returned as seen from it: its own motion is in
         `object_ticks`.
         """
-        given = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
-        record = tick_record(*given.position.shape[:2])
-        blocks, records = views_of_hands(given, record)
-        if not given.position.shape[1]:
+        inputs = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
+        record = tick_record(*inputs.position.shape[:2])
+        blocks, records = views_of_hands(inputs, record)
+        if not inputs.position.shape[1]:
             return tuple(records)
         begun = [0] * len(blocks) if self._started else self.begin(blocks)
         if (two := self._two) is None:
-            status = self.tick(given, record)
+            status = self.tick(inputs, record)
         else:
             if self._has_free:
-                done = two.run_many(given, record)
+                done = two.run_many(inputs, record)
             else:
                 kernel, arguments = self._call_apart(two, blocks, records)
                 with ExitStack() as stack:
@@ -242,12 +243,12 @@ class WorldSolver:
 
         Those of hands have the hand as the first axis; `bodies` is written where one is free.
         """
-        given, written = views_of_hands(haptic, record)
+        inputs, written = views_of_hands(haptic, record)
         if self._two is not None and not self._has_free:
-            return self._call_apart(self._two, given, written)
+            return self._call_apart(self._two, inputs, written)
         first, engine = self.hands[0], self.engine or self.hands[0].world
         if first.method.compiled and engine is None and len(self.hands) == 1:
-            return run_block, first.workspace.block(getattr(first.engine, "method", None), given[0], written[0])
+            return run_block, first.workspace.block(getattr(first.engine, "method", None), inputs[0], written[0])
         engine = engine or WorldEngine(first.workspace)
         compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
         return engine.call(haptic, record, bodies, compiled)
@@ -255,8 +256,8 @@ class WorldSolver:
     def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
         """Run ticks of each hand alone, and return their last status bits; arrays as for `tick_call`."""
         status = 0
-        for hand, given, written in zip(self.hands, *views_of_hands(haptic, record), strict=True):
-            status |= hand.tick(given, written)
+        for hand, sample, written in zip(self.hands, *views_of_hands(haptic, record), strict=True):
+            status |= hand.tick(sample, written)
         return status
 
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
@@ -265,7 +266,7 @@ class WorldSolver:
         The first tick does it if nobody has, and must be given the same input.
         """
         self._started, two = True, self._two
-        begun = [hand.begin(given) for hand, given in zip(self.hands, haptic)]
+        begun = [hand.begin(sample) for hand, sample in zip(self.hands, haptic)]
         if two is None:
             return begun
         parted = _part(self._spaces)
@@ -283,19 +284,20 @@ class WorldSolver:
 def views_of_hands(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
     """Return views for each hand of arrays that have the hand as the first axis."""
     hands = range(len(haptic.position))
-    given = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
-    return given, [TickRecord(*(values[h] for values in record)) for h in hands]
+    inputs = [HapticBlock(*(values[h] for values in haptic)) for h in hands]
+    return inputs, [TickRecord(*(values[h] for values in record)) for h in hands]
 
 
 def _part(spaces: Sequence[TickWorkspace]) -> bool:
     """Shift two graphic hands apart, free of the object, where they begin in each other; return whether they did."""
-    pairs, (one, other) = cross_pairs(), (space.hand for space in spaces)
+    pairs, hands = cross_pairs(), [space.hand for space in spaces]
     first, second = (space.states[0].pose for space in spaces)
 
     def distance() -> float:
-        update_kinematics(one, first)
-        update_kinematics(other, second)
-        return min(hands_distance(pairs, one, first, other, second), *(min(distances_of(space)) for space in spaces))
+        update_kinematics(hands[0], first)
+        update_kinematics(hands[1], second)
+        apart = hands_distance(pairs, hands[0], first, hands[1], second)
+        return min(apart, *(min(distances_of(space)) for space in spaces))
 
     if distance() >= 0.0:
         return False
@@ -388,19 +390,19 @@ class OneTick:
 
     def run(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:
         """Solve a tick for each configuration of the hands, and keep the bodies' as the solver's last ticks."""
-        given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
-        count = given.position.shape[1]
+        inputs = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
+        count = inputs.position.shape[1]
         record, rows = tick_record(len(haptic), count), zeroed(self.row.dtype, count)
         for i in range(count):
-            for values, of in zip(self.haptic, given):
-                values[:, 0] = of[:, i]
+            for values, samples in zip(self.haptic, inputs):
+                values[:, 0] = samples[:, i]
             self.solve()
             for written, found in zip(record, self.record):
                 written[:, i] = found[:, 0]
             rows[i] = self.row[0]
         if (engine := self._solver.engine) is not None and len(self.row["turn"][0]):
             engine.ticks, engine.all_ticks = bodies_ticks(rows)
-        return tuple(views_of_hands(given, record)[1])
+        return tuple(views_of_hands(inputs, record)[1])
 
 
 def bodies_ticks(rows: Records) -> tuple[WorldRecord, WorldRecord | None]:

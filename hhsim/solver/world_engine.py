@@ -90,9 +90,9 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
         return NO_EDGES
     first = surface.wing_start[:-1]
     whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
-    one, two = first[whole], first[whole] + 1
-    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (one, two)], axis=1)
-    convex = (surface.wing[one] * normal[:, 1]).sum(axis=1) < -FLAT
+    first, second = first[whole], first[whole] + 1
+    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (first, second)], axis=1)
+    convex = (surface.wing[first] * normal[:, 1]).sum(axis=1) < -FLAT
     edge = surface.edge[whole[convex]]
     parts = edge[:, :3] - center, edge[:, 3:6], edge[:, 6], normal[convex]
     return Edges(*(np.ascontiguousarray(part) for part in parts))
@@ -118,10 +118,10 @@ class WorldEngine:
         self.workspace = workspace
         self.bodies = () if free is None else (free, *(body for body in others if isinstance(body, Body)))
         self.hands = (workspace,) if second is None else (workspace, second)
-        made = [contact_surface(workspace.options.surface, b.placed_mesh, b.placed_tree) for b in self.bodies[1:]]
-        surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *made]
+        further = [contact_surface(workspace.options.surface, b.placed_mesh, b.placed_tree) for b in self.bodies[1:]]
+        surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *further]
         for hand in self.hands:
-            hand.beside = tuple(surface.arrays for surface in made)
+            hand.beside = tuple(surface.arrays for surface in further)
         hands, bodies = len(self.hands), len(surfaces)
         if bodies > MOST_BODIES:
             raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
@@ -133,18 +133,18 @@ class WorldEngine:
         self._own: Any = None
         if free is not None or second is not None:
             self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
-        supports = [support_of(of) if body.is_free else NO_SUPPORT for body, of in zip(self.bodies, surfaces)]
+        supports = [support_of(surface) if body.is_free else NO_SUPPORT for body, surface in zip(self.bodies, surfaces)]
         movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
-        if made:
-            placed = [(of.arrays, self._center(body)) for body, of in zip(self.bodies, surfaces)]
-            movers += [_as_palm(workspace.hand, *given) for given in placed]
-            edges = [_edges_of(*given) for given in placed]
+        if further:
+            placed = [(surface.arrays, self._center(body)) for body, surface in zip(self.bodies, surfaces)]
+            movers += [_as_palm(workspace.hand, *arguments) for arguments in placed]
+            edges = [_edges_of(*arguments) for arguments in placed]
         codes = [hand.code for hand in self.hands]
         if free is None:
             for h, hand in enumerate(self.hands):
                 hand.states = self.states[h : h + 2]
         else:
-            coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
+            coded = [surface_code(surface.arrays, workspace.hand, workspace.state_dtype) for surface in further]
             codes, self._written = [codes[0], *(code for _, code in coded)], [written for written, _ in coded]
         self._made_of = (
             filled(supports or [NO_SUPPORT], MOST_BODIES),
@@ -202,25 +202,25 @@ class WorldEngine:
             from hhsim.kernels.world.record import record_bodies
 
             code["bodies"] = code_of(do_bodies, method, 0, 0.0)
-            code["solving"] = code_of(solve_free, method, states[0], False, self.qp)
-            code["recording"] = code_of(record_bodies, whole_record(1, 0), world, 0)
+            code["solver"] = code_of(solve_free, method, states[0], False, self.qp)
+            code["recorder"] = code_of(record_bodies, whole_record(1, 0), world, 0)
         if len(self._pairs) > 1:
             code["pairs"] = code_of(write_other_pairs, method, states[0])
         if len(self.hands) == 1 and not self.bodies and workspace.options.method == "progressive":
             from hhsim.kernels.world.progressive import solve_progressive
 
-            code["solving"] = code_of(solve_progressive, method, states[0], False, self.qp)
+            code["solver"] = code_of(solve_progressive, method, states[0], False, self.qp)
         elif workspace.options.qp != "active-set":
             from hhsim.solver.qp import backend_code
 
-            code["solving"], self._called = backend_code(method, workspace.options.qp)
+            code["solver"], self._called = backend_code(method, workspace.options.qp)
         if self.parts_move and len(self.hands) == 1:
             from hhsim.kernels.parts.tick import give_way
 
             parts = workspace.surface.motion
             self._parts = write_rows([parts])
-            code["giving"] = code_of(give_way, parts, method, self.qp)
-            code["given"] = self._parts.ctypes.data
+            code["parts_tick"] = code_of(give_way, parts, method, self.qp)
+            code["parts"] = self._parts.ctypes.data
         return method._replace(**code)
 
     @cached_property
@@ -232,8 +232,8 @@ class WorldEngine:
             several.append(own._replace(hand=own.hand + h))
         none = np.zeros((0, 2), np.int64)
         hand, part = (np.concatenate([none, *(pairs[k] for pairs in several)]) for k in range(2))
-        one, other = self.hands[0].hand, self.hands[-1].hand
-        return HandPairs(hand, part, len(self.hands), one, other, self.states, self._world["hand_pairs"])
+        first, second = self.hands[0].hand, self.hands[-1].hand
+        return HandPairs(hand, part, len(self.hands), first, second, self.states, self._world["hand_pairs"])
 
     @property
     def states(self) -> Any:
@@ -260,9 +260,9 @@ class WorldEngine:
         """Find the pairs, the hands and the first body first; return how many."""
         hands, bodies = range(len(self.hands)), range(len(self.bodies))
         self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in bodies[1:]]
-        for other, one in enumerate(self.bodies):
-            bearer = self._bearer(one)
-            self._pairs += [(0, other, k) for k in bodies if k == bearer or self._may_meet(one, self.bodies[k])]
+        for other, mover in enumerate(self.bodies):
+            bearer = self._bearer(mover)
+            self._pairs += [(0, other, k) for k in bodies if k == bearer or self._may_meet(mover, self.bodies[k])]
         return len(self._pairs)
 
     def _name_pairs(self) -> None:
@@ -276,17 +276,17 @@ class WorldEngine:
                 state.modelled[PALM_BODY] = self._may_meet(self.bodies[other], self.bodies[body])
 
     @staticmethod
-    def _may_meet(one: Body, two: Body) -> bool:
+    def _may_meet(body: Body, other: Body) -> bool:
         """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
-        if one is two:
+        if body is other:
             return False
-        joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((one, two), (two, one)))
-        return not joined and (one.is_free or two.is_free)
+        joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((body, other), (other, body)))
+        return not joined and (body.is_free or other.is_free)
 
     def _bearer(self, body: Body) -> int | None:
         """Return the number of the body that bears a body's joint; None for a fixed one, or the world."""
         on = body.free_joint.on if body.free_joint else ""
-        return next((k for k, one in enumerate(self.bodies) if one.name == on and one.motion != Fixed()), None)
+        return next((k for k, other in enumerate(self.bodies) if other.name == on and other.motion != Fixed()), None)
 
     def _driven(self, ticks: int) -> FloatArray:
         """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
@@ -341,11 +341,11 @@ class WorldEngine:
 
     def _join(self, joint: Joint, k: int, body: Any) -> None:
         """Let a body move about or along the axis of its joint alone, in the world or against the one that bears it."""
-        of, axis, turns = self.bodies[k], joint.direction, joint.type == "hinge"
-        free, axes = of.solid, np.vstack([across(axis), axis])
-        body.limits[:] = of.limits or (-np.inf, np.inf)
+        jointed, axis, turns = self.bodies[k], joint.direction, joint.type == "hinge"
+        free, axes = jointed.solid, np.vstack([across(axis), axis])
+        body.limits[:] = jointed.limits or (-np.inf, np.inf)
         body.joint_friction = joint.friction
-        if (bearer := self._bearer(of)) is not None:
+        if (bearer := self._bearer(jointed)) is not None:
             body.pair, body.pair_joint = self._pairs.index((0, k, bearer)), HINGE if turns else SLIDER
             body.joint_origin[:] = joint.origin if turns else free.center
             body.joint_axes[:] = axes
@@ -360,7 +360,7 @@ class WorldEngine:
                 vector[:] = (axis * vector).sum() * axis
             return
         body.joint = HINGE
-        body.lever[:] = free.center - of.pivot
+        body.lever[:] = free.center - jointed.pivot
         moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
         body.moment[:] = moment
         body.inverse_root[:] = 0.0
@@ -388,8 +388,9 @@ class WorldEngine:
         for state, body, other in zip(self.states, problem.body, problem.other):
             depth = -float(state.candidates.nearest[PALM_BODY])
             if other >= 0 and depth > 0.0:
-                one, two = (self.bodies[k].name for k in (other, body))
-                raise InputError(f"{one} begins {1e3 * depth:.3g} mm inside {two}; expected bodies beside each other")
+                inner, outer = (self.bodies[k].name for k in (other, body))
+                where = f"{1e3 * depth:.3g} mm inside {outer}"
+                raise InputError(f"{inner} begins {where}; expected bodies beside each other")
 
     @cached_property
     def code(self) -> Any:
@@ -411,7 +412,7 @@ class WorldEngine:
         goals, record = [hand.states[0].haptic for hand in self.hands], tick_record(len(self.hands), 1)
         haptic = HapticBlock(*(np.stack([goal[name] for goal in goals])[:, None] for name in HapticBlock._fields))
         options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
-        method = self.method._replace(options=options, giving=0)
+        method = self.method._replace(options=options, parts_tick=0)
         self._run(method, haptic, record, self._still(1))
         if record.status[0, 0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()

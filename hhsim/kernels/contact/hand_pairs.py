@@ -125,8 +125,8 @@ class HandPairs(NamedTuple):
     hand: Indices  # as of `PartPairs`
     part: Indices
     hands: int
-    one: HandArrays
-    other: HandArrays  # the first hand's where there is but one
+    first_hand: HandArrays
+    second_hand: HandArrays  # the first hand's where there is but one
     states: NDArray[np.void]  # of each hand, `kernels.tick.state`
     rows: NDArray[np.void]  # one record of HAND_PAIRS
 
@@ -135,9 +135,9 @@ class HandPairs(NamedTuple):
 class PairsCode(NamedTuple):
     """Pairs as ticks take them: their address, and what is done with them, by `code_of`; 0 where no parts meet."""
 
-    given: int = 0
-    doing: int = 0  # of `do_pairs`
-    bending: int = 0  # of `add_bends`
+    address: int = 0
+    stages: int = 0  # of `do_pairs`
+    curvature: int = 0  # of `add_bends`
 
 
 NO_PAIRS = PairsCode()
@@ -149,14 +149,14 @@ MEASURE_PAIRS, KEEP_LOADED_ROWS, ADD_ROWS, CLEAR_SHARE, CROSS_SHARE = map(as_int
 @jit_inline
 def ask_pairs(code: PairsCode, asked: int, length: float, radius: float) -> float:
     """Do a stage as `do_pairs` does; without pairs return 1 for CLEAR_SHARE, and 0 for all others."""
-    if code.doing == 0:
+    if code.stages == 0:
         return 1.0 if asked == CLEAR_SHARE else 0.0
-    return number_of_code(code.doing, (code.given, as_int64(asked), length, radius))
+    return number_of_code(code.stages, (code.address, as_int64(asked), length, radius))
 
 
 @jit_inline
 def _hand(pairs: HandPairs, h: int) -> HandArrays:
-    return pairs.one if h == 0 else pairs.other
+    return pairs.first_hand if h == 0 else pairs.second_hand
 
 
 @jit_inline
@@ -233,8 +233,8 @@ def part_distance(
     """Compute the signed distance [m] of two parts, 0 to 15 each, a phalanx first unless both are palms."""
     nearest, body, other = np.inf, as_int64(-1), as_int64(-1)
     while True:
-        given = (hand, pose, other_hand, other_pose, part, other_part)
-        body, other, distance = next_bodies(*given, nearest, body, other)
+        arguments = (hand, pose, other_hand, other_pose, part, other_part)
+        body, other, distance = next_bodies(*arguments, nearest, body, other)
         if body < 0:
             return nearest
         nearest = distance
@@ -256,8 +256,8 @@ def hands_distance(pairs: PartPairs, hand: HandArrays, pose: Record, other_hand:
 @jit_inline
 def _distance(pairs: HandPairs, pair: int) -> float:
     h, k = pairs.hand[pair, 0], pairs.hand[pair, 1]
-    one, other = pairs.part[pair, 0], pairs.part[pair, 1]
-    return part_distance(_hand(pairs, h), pairs.states[h].pose, _hand(pairs, k), pairs.states[k].pose, one, other)
+    part, other_part = pairs.part[pair, 0], pairs.part[pair, 1]
+    return part_distance(_hand(pairs, h), pairs.states[h].pose, _hand(pairs, k), pairs.states[k].pose, part, other_part)
 
 
 @jit_inline
@@ -432,9 +432,9 @@ def _least_lever(hand: HandArrays, body: int) -> float:
 def write_row(pairs: HandPairs, pair: int, body: int, other: int, row: int) -> None:
     """Write distance, normal and gradient of two bodies of a pair to a row."""
     h, k = pairs.hand[pair, 0], pairs.hand[pair, 1]
-    poses, one, two = (pairs.states[h].pose, pairs.states[k].pose), _hand(pairs, h), _hand(pairs, k)
-    cones = _body(one, poses[0], body), _body(two, poses[1], other)
-    floors = _least_lever(one, body), _least_lever(two, other)
+    poses, first, second = (pairs.states[h].pose, pairs.states[k].pose), _hand(pairs, h), _hand(pairs, k)
+    cones = _body(first, poses[0], body), _body(second, poses[1], other)
+    floors = _least_lever(first, body), _least_lever(second, other)
     _write_cones(poses, (h, k), (body, other), cones, floors, row, pairs.rows[0])
 
 
@@ -500,13 +500,13 @@ def _add_row(pairs: HandPairs, pair: int, body: int, other: int, multiplier: flo
 @jit
 def keep_loaded_rows(pairs: HandPairs, offset: float) -> None:
     """Begin a program with the rows that bore a force in the one before."""
-    rows, held = pairs.rows[0], pairs.rows[0].count
+    rows, last_count = pairs.rows[0], pairs.rows[0].count
     rows.count = rows.crossing = 0
     for h in range(pairs.hands):
         meeting = pairs.states[h].meeting
         meeting.rows, meeting.holds = 0, False
         meeting.meets[:] = 0
-    for i in range(held):
+    for i in range(last_count):
         pair = rows.pair[i]
         if rows.multiplier[i] > 0.0 and (rows.kept >= -DEEP or _kind(pairs, pair) == OWN):
             _add_row(pairs, pair, rows.body[i, 0], rows.body[i, 1], rows.multiplier[i], offset)
@@ -528,11 +528,11 @@ def _add_worst(pairs: HandPairs, pair: int, limit: float, offset: float) -> bool
     """Add the row of the bodies nearer than `limit` [m] that the step breaks most of those that the program lacks."""
     rows, row, worst = pairs.rows[0], as_int64(PAIR_ROWS), WORTH_A_ROW * offset
     h, k, part, other_part = pairs.hand[pair, 0], pairs.hand[pair, 1], pairs.part[pair, 0], pairs.part[pair, 1]
-    one, two = _hand(pairs, h), _hand(pairs, k)
+    first, second = _hand(pairs, h), _hand(pairs, k)
     body, other, worst_body, worst_other = as_int64(-1), as_int64(-1), as_int64(-1), as_int64(-1)
     while True:
         poses = pairs.states[h].pose, pairs.states[k].pose
-        body, other, _ = next_bodies(one, poses[0], two, poses[1], part, other_part, limit, body, other)
+        body, other, _ = next_bodies(first, poses[0], second, poses[1], part, other_part, limit, body, other)
         if body < 0:
             break
         write_row(pairs, pair, body, other, row)
@@ -643,9 +643,9 @@ def add_bends(
         r = row[i] - first
         if not 0 <= r < rows.count or rows.hand[r, 0] != h or rows.hand[r, 1] != h or rows.body[r, 1] >= PALM_BODY:
             continue
-        one, two = rows.body[r, 0], rows.body[r, 1]
-        cones = _body(hand, bent, one), _body(hand, bent, two)
-        _write_cones((bent, bent), (h, h), (one, two), cones, (0.0, 0.0), last, rows)
+        body, other = rows.body[r, 0], rows.body[r, 1]
+        cones = _body(hand, bent, body), _body(hand, bent, other)
+        _write_cones((bent, bent), (h, h), (body, other), cones, (0.0, 0.0), last, rows)
         for j in range(6, DOF):
             # A lever below the least one counts as none, which is no curvature.
             if rows.gradient[r, h, j] != 0.0:

@@ -216,8 +216,8 @@ def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp
 
 @jit
 def _solve_rows(method: World, clipped: bool, state: Record, qp: QpWork) -> int:
-    if method.solving != 0:
-        status = call_code(method.solving, (method, state, clipped, qp))
+    if method.solver != 0:
+        status = call_code(method.solver, (method, state, clipped, qp))
     else:
         status = solve_plain(method.options, method.states, method.world[0], qp)
     lap(DURATION_PALM, state)
@@ -296,7 +296,7 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     hands, world.curved, world.knows_share = world.problem.hands, world.unsettled or done > 0, False
     for h in range(hands):
         meeting = method.states[h].meeting
-        meeting.bends = options.pairs.bending != 0 and (world.unsettled or done >= FLAT_PROGRAMS or meeting.steep)
+        meeting.bends = options.pairs.curvature != 0 and (world.unsettled or done >= FLAT_PROGRAMS or meeting.steep)
     count, status, full_motion, units = as_int64(0), as_int64(OPTIMAL), WHOLE_TARGET, state.work[WORK_UNITS]
     for attempt in range(2):
         count = prepare(method, 0.0, state)

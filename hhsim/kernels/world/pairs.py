@@ -59,10 +59,10 @@ class World(NamedTuple):
     # Machine code by `code_of`, 0 where a scene has none of it, so that a tick is compiled without.
     bodies: int = 0  # what bodies that move add to a tick, `kernels.world.bodies.do_bodies`
     pairs: int = 0  # what further pairs add to a program, `kernels.world.linearisation.write_other_pairs`
-    solving: int = 0  # in place of `solve_plain`: `solve_free`, `solve_progressive`, or `hhsim.solver.qp.backend_code`
-    giving: int = 0  # what comes first where parts have moved, `kernels.parts.tick.give_way`
-    given: Any = 0  # address of the parts; where nothing is compiled the parts themselves
-    recording: int = 0  # `kernels.world.record.record_bodies`
+    solver: int = 0  # in place of `solve_plain`: `solve_free`, `solve_progressive`, or `hhsim.solver.qp.backend_code`
+    parts_tick: int = 0  # what comes first where parts have moved, `kernels.parts.tick.give_way`
+    parts: Any = 0  # address of the parts; where nothing is compiled the parts themselves
+    recorder: int = 0  # `kernels.world.record.record_bodies`
 
 
 @jit_inline

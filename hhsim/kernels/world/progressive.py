@@ -101,8 +101,8 @@ def _solve_palm(method: World, state: Record, qp: QpWork) -> int:
         for j in range(6):
             step.delta[j] = qp.x[j] * problem.inverse_root[j]
         row, force = step.row[: step.count], step.multiplier[: step.count]
-        given = options.pairs, method.states, method.world[0], row, force, problem.inverse_root[:], none, as_int64(6)
-        correct_program(Lagrangian(*given), qp.counts[0], step.delta[:], rows, options, work.correction, qp)
+        terms = options.pairs, method.states, method.world[0], row, force, problem.inverse_root[:], none, as_int64(6)
+        correct_program(Lagrangian(*terms), qp.counts[0], step.delta[:], rows, options, work.correction, qp)
     for j in range(6):
         work.palm_step[j] = qp.x[j]
         step.delta[j] = qp.x[j] * problem.inverse_root[j]
@@ -153,8 +153,8 @@ def solve_finger(method: World, finger: int, qp: QpWork) -> None:
         for k in range(PHALANX_COUNT):
             own.step[offset + k] = qp.x[k] * problem.inverse_root[offset + k]
         row, force, n = own.row[: own.count], own.multiplier[: own.count], as_int64(PHALANX_COUNT)
-        given = options.pairs, method.states, method.world[0], row, force, problem.inverse_root[:], as_int64(offset), n
-        correct_program(Lagrangian(*given), qp.counts[0], own.step[:], rows, options, own.correction, qp)
+        terms = options.pairs, method.states, method.world[0], row, force, problem.inverse_root[:], as_int64(offset), n
+        correct_program(Lagrangian(*terms), qp.counts[0], own.step[:], rows, options, own.correction, qp)
     for k in range(PHALANX_COUNT):
         own.delta[k] = qp.x[k] * problem.inverse_root[offset + k]
 

@@ -216,8 +216,8 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
             curvature_product(each.pose, each.contacts, problem.first[h], row, force, hand, product)
         if each.meeting.bends:
             pairs, first = lagrangian.pairs, problem.dense_row
-            given = pairs.given, as_int64(h), first, row, force, problem.inverse_root[:], hand, product
-            run_code(pairs.bending, given)
+            arguments = pairs.address, as_int64(h), first, row, force, problem.inverse_root[:], hand, product
+            run_code(pairs.curvature, arguments)
         if not alone:
             for j in range(6 if still else 0):
                 product_out[palm + j] = product[j]

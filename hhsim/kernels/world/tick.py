@@ -318,7 +318,7 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
     lags = False
     for h in range(problem.hands):
         lags = lags or world.status[h] & STATUS_LAG != 0
-    if method.solving != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
+    if method.solver != 0 and _goes_alone(method) and progress.is_accepted and lags and energy_stalled(state):
         suspend_decoupling(state)
     if still and not pairs_overflow and options.force_model != FORCE_PAPER and (lags or palm_yields):
         near = max(options.touch, ON_THE_WAY * options.offset) if lags else options.touch
@@ -328,9 +328,8 @@ def finish_tick(method: World, state: Record, qp: QpWork) -> None:
         each.work[WORK_TOUCHING] = 0
         for p in range(problem.pairs):
             if problem.hand[p] == h and problem.other[p] < 0:
-                given = surface_at(method, p), mover_of(method, p), states[p].candidates
-                _, near_pairs = pairs_near(*given, options.touch)
-                each.work[WORK_TOUCHING] += near_pairs
+                surface, arrays = surface_at(method, p), mover_of(method, p)
+                each.work[WORK_TOUCHING] += pairs_near(surface, arrays, states[p].candidates, options.touch)[1]
         if options.force_model == FORCE_PAPER:
             shown = surface_at(method, h), mover_of(method, h), each.pose, each.candidates
             find_surface_contacts(*shown, options.touch, each.contacts)
@@ -403,10 +402,10 @@ def tick_world(method: World, qp: QpWork, asked: int) -> int:
         return as_int64(0 if rebuild(method) else -1)
     if asked == MEASURE:
         return as_int64(0 if measure(method) else -1)
-    if method.giving == 0:
+    if method.parts_tick == 0:
         return as_int64(follow(method, method.states[0], qp))
     world, state = method.world[0], method.states[0]
-    world.status[0] = call_code(method.giving, (method.given, method, qp))
+    world.status[0] = call_code(method.parts_tick, (method.parts, method, qp))
     if world.status[0] == 0:
         follow(method, state, qp)
         # Those that are the most of a program are the tick's own.
@@ -447,8 +446,8 @@ def run_many(
         cpu = thread_team_cpu_ns(states[0].thread_team) - cpu
         for h in range(hands):
             record_tick(states[h], world.taken[h] | world.status[h], wall, cpu, (h, i), record)
-        if method.recording != 0:
-            run_code(method.recording, (object_record, world, as_int64(i)))
+        if method.recorder != 0:
+            run_code(method.recorder, (object_record, world, as_int64(i)))
         if world.status[0] & STATUS_CAPACITY_EXCEEDED:
             return i + 1
     return haptic.position.shape[1]

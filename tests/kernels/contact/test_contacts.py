@@ -300,7 +300,7 @@ def test_distances_of_own_parts_are_those_of_the_referee(seed: int) -> None:
 def test_the_least_distance_of_two_hands_is_that_of_all_pairs(pairs: Any, seed: int) -> None:
     placed = [forward_kinematics(hand, *at) for hand, at in zip(HANDS, place(pairs, seed))]
     one, other = (state.pose for state in pairs.states[:2])
-    found = hands_distance(cross_pairs(), pairs.one, one, pairs.other, other)
+    found = hands_distance(cross_pairs(), pairs.first_hand, one, pairs.second_hand, other)
     assert found == pytest.approx(float(distance_of_hands(HANDS, placed)[0]), abs=1e-12)
 
 
@@ -310,11 +310,11 @@ def test_bounds_are_no_more_than_distances_however_hands_have_moved(pairs: Any, 
     place(pairs, seed)
     random, rows = np.random.default_rng(seed), pairs.rows[0]
     for size in 10.0 ** random.uniform(-5.0, -1.0, 20):
-        for arrays, state in zip((pairs.one, pairs.other), pairs.states):
+        for arrays, state in zip((pairs.first_hand, pairs.second_hand), pairs.states):
             move(state.pose, size * random.normal(0.0, 1.0, DOF) * ([0.1] * 3 + [1.0] * 18), np.zeros(5), 1.0)
             update_kinematics(arrays, state.pose)
         measure_pairs(pairs, 1e-4)
-        arrays, poses = (pairs.one, pairs.other), [state.pose for state in pairs.states[:2]]
+        arrays, poses = (pairs.first_hand, pairs.second_hand), [state.pose for state in pairs.states[:2]]
         least = [np.inf, np.inf]
         for (h, k), (i, j) in zip(pairs.hand, pairs.part):
             distance = part_distance(arrays[h], poses[h], arrays[k], poses[k], i, j)
@@ -328,7 +328,7 @@ def test_bounds_are_no_more_than_distances_however_hands_have_moved(pairs: Any, 
 @settings(max_examples=40, deadline=None)
 def test_a_row_is_the_rate_of_the_distance(pairs: Any, seed: int, share: float, which: int) -> None:
     place(pairs, seed)
-    pair, rows, arrays = int(share * len(pairs.part)), pairs.rows[0], (pairs.one, pairs.other)
+    pair, rows, arrays = int(share * len(pairs.part)), pairs.rows[0], (pairs.first_hand, pairs.second_hand)
     (h, k), (part, other_part) = pairs.hand[pair], pairs.part[pair]
     given_parts = arrays[h], pairs.states[h].pose, arrays[k], pairs.states[k].pose, part, other_part
     body = other = -1
