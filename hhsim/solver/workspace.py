@@ -162,7 +162,7 @@ def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray
         state.modelled[:] = modelled
         state.candidates.gathered_slack[:] = np.where(state.modelled == 1, -np.inf, np.inf)
         state.candidates.nearest[:] = np.inf
-        state.meeting.least = np.inf
+        state.hand_contact.least = np.inf
         state.problem.inverse_root[:] = 1.0 / np.sqrt(stiffness)
         state.stiffness[:] = stiffness
     return states

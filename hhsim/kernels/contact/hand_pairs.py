@@ -96,11 +96,11 @@ HAND_PAIRS = np.dtype(
 )
 """Pairs from tick to tick, and their rows in the program."""
 
-MEETING = np.dtype(
+HAND_CONTACT = np.dtype(
     [
         ("least", np.float64),  # no pair is nearer than this, and than what steps keep [m]; infinite without pairs
         ("rows", np.int64),  # number of the program's rows that are of this hand
-        ("meets", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
+        ("has_row", np.int64, (FINGER_COUNT,)),  # 1 for fingers with a row
         ("holds", np.bool_),  # the abduction step was reduced to what a pair has room for
         ("bends", np.bool_),  # the rows of its own pairs have second derivatives in the program at hand
         ("steep", np.bool_),  # they have had a force since they curved by more than STEEP: flat, they would not do
@@ -359,7 +359,7 @@ def measure_pairs(pairs: HandPairs, exact: float) -> None:
     # Hands deep in each other are not judged by their distance.
     cross = rows.least[CROSS] - rows.kept if rows.kept >= -DEEP else np.inf
     for h in range(pairs.hands):
-        pairs.states[h].meeting.least = min(rows.least[OWN], cross)
+        pairs.states[h].hand_contact.least = min(rows.least[OWN], cross)
 
 
 @jit_inline
@@ -473,7 +473,7 @@ def _leave_room(pairs: HandPairs, offset: float, row: int) -> None:
         for f in range(FINGER_COUNT):
             if rows.spread[row, h, f] * state.problem.abduction_step[f] < 0.0:
                 state.problem.abduction_step[f] *= opening / closing
-                state.meeting.holds = True
+                state.hand_contact.holds = True
 
 
 @jit
@@ -489,10 +489,10 @@ def _add_row(pairs: HandPairs, pair: int, body: int, other: int, multiplier: flo
     rows.count += 1
     rows.crossing += _kind(pairs, pair)
     for side in range(2):
-        meeting = pairs.states[rows.hand[row, side]].meeting
-        meeting.rows += 1
+        hand_contact = pairs.states[rows.hand[row, side]].hand_contact
+        hand_contact.rows += 1
         if rows.body[row, side] < PALM_BODY:
-            meeting.meets[rows.body[row, side] // PHALANX_COUNT] = 1
+            hand_contact.has_row[rows.body[row, side] // PHALANX_COUNT] = 1
     _leave_room(pairs, offset, row)
     return True
 
@@ -503,16 +503,16 @@ def keep_loaded_rows(pairs: HandPairs, offset: float) -> None:
     rows, last_count = pairs.rows[0], pairs.rows[0].count
     rows.count = rows.crossing = 0
     for h in range(pairs.hands):
-        meeting = pairs.states[h].meeting
-        meeting.rows, meeting.holds = 0, False
-        meeting.meets[:] = 0
+        hand_contact = pairs.states[h].hand_contact
+        hand_contact.rows, hand_contact.holds = 0, False
+        hand_contact.has_row[:] = 0
     for i in range(last_count):
         pair = rows.pair[i]
         if rows.multiplier[i] > 0.0 and (rows.kept >= -DEEP or _kind(pairs, pair) == OWN):
             _add_row(pairs, pair, rows.body[i, 0], rows.body[i, 1], rows.multiplier[i], offset)
     for h in range(pairs.hands):
-        meeting = pairs.states[h].meeting
-        meeting.steep = meeting.steep and meeting.rows > 0
+        hand_contact = pairs.states[h].hand_contact
+        hand_contact.steep = hand_contact.steep and hand_contact.rows > 0
 
 
 @jit
@@ -654,4 +654,4 @@ def add_bends(
                 along += step[j] * change
     for j in range(6, DOF):
         square += (step[j] / inverse_root[j]) ** 2
-    state.meeting.steep = state.meeting.steep or abs(along) > STEEP * square
+    state.hand_contact.steep = state.hand_contact.steep or abs(along) > STEEP * square

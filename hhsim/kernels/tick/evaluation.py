@@ -86,7 +86,7 @@ def complete_lists(hand: HandArrays, surface: SurfaceCode, options: TickOptions,
 @jit_inline
 def least_distance(state: Record) -> float:
     """Return the least signed distance of all listed pairs [m], of hands' parts too; infinite where there is none."""
-    candidates, least = state.candidates, state.meeting.least
+    candidates, least = state.candidates, state.hand_contact.least
     for body in range(BODY_COUNT):
         least = min(least, candidates.nearest[body])
     return least

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hhsim.kernels.contact.detection import CONTACT_ROWS, CONTACTS
-from hhsim.kernels.contact.hand_pairs import MEETING
+from hhsim.kernels.contact.hand_pairs import HAND_CONTACT
 from hhsim.kernels.contact.linearise import PROBLEM, ROW_CAPACITY
 from hhsim.kernels.contact.surface import shared_first
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
@@ -218,7 +218,7 @@ def tick_state_dtype(candidates: "np.dtype[Any] | None" = None) -> "np.dtype[Any
             ("fallback", FALLBACK),
             ("first_step", FIRST_STEP),
             ("decoupling", DECOUPLING),  # see `kernels.tick.tick`
-            ("meeting", MEETING),  # of its parts with others, see `kernels.contact.hand_pairs`
+            ("hand_contact", HAND_CONTACT),  # of its parts with others, see `kernels.contact.hand_pairs`
             # Last: their size is the surface's own.
             ("candidates", shared_first(candidates)),
         ],

@@ -155,7 +155,7 @@ def accept(options: TickOptions, fraction: float, longest: float, full_motion: f
     progress.is_accepted = True
     state.prediction.is_predicted = False
     progress.failed_steps = 0
-    unhindered = state.contacts.start[FINGER_COUNT + 1] + state.meeting.rows == 0
+    unhindered = state.contacts.start[FINGER_COUNT + 1] + state.hand_contact.rows == 0
     is_whole = fraction == 1.0 and full_motion == WHOLE_TARGET
     done = is_whole and (unhindered or longest <= options.step_tolerance)
     progress.lag = max(full_motion, longest) - fraction * longest
@@ -197,7 +197,7 @@ def tick_status(cut_short: bool, made_part: bool, state: Record) -> int:
     elif progress.lag > 0.0:
         status |= 0 if progress.snaps else STATUS_LAG
     progress.is_unfinished = not progress.is_accepted or made_part or (progress.is_unfinished and progress.lag > 0.0)
-    if progress.is_accepted and (state.fallback.holds_abduction or state.meeting.holds):
+    if progress.is_accepted and (state.fallback.holds_abduction or state.hand_contact.holds):
         status |= STATUS_ABDUCTION_HELD
     if status & (STATUS_STUCK | STATUS_LAG) or progress.snaps:
         # Along a soft, almost unconstrained direction a step can be longer than the distance left to the haptic hand.

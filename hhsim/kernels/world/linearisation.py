@@ -28,7 +28,7 @@ from hhsim.kernels.tick.step import (
 )
 from hhsim.kernels.tick.tick import find_program_contacts, step_to_haptic
 from hhsim.kernels.world.columns import hand_column, is_still, name_rows
-from hhsim.kernels.world.meeting import part_targets
+from hhsim.kernels.world.hand_contact import part_targets
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, damped_target, mover_of, surface_at
 from hhsim.kernels.world.program import scale_target, solve_plain, take_hand_steps, take_targets
 from hhsim.kernels.world.restoration import only_restores
@@ -178,7 +178,7 @@ def _add_rows(method: World, clipped: bool, state: Record) -> bool:
     if ask_pairs(options.pairs, ADD_ROWS, options.offset, 0.0) == 0.0:
         return False
     for h in range(problem.hands if is_still(problem) else 0):
-        work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].meeting.rows
+        work, rows = method.states[h].work, problem.last[h] - problem.first[h] + method.states[h].hand_contact.rows
         work[WORK_UNITS] += UNITS_ROUND
         work[WORK_ROWS] = max(work[WORK_ROWS], rows)
     share = problem.share
@@ -295,8 +295,8 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
     world, options = method.world[0], method.options
     hands, world.curved, world.knows_share = world.problem.hands, world.unsettled or done > 0, False
     for h in range(hands):
-        meeting = method.states[h].meeting
-        meeting.bends = options.pairs.curvature != 0 and (world.unsettled or done >= FLAT_PROGRAMS or meeting.steep)
+        contact = method.states[h].hand_contact
+        contact.bends = options.pairs.curvature != 0 and (world.unsettled or done >= FLAT_PROGRAMS or contact.steep)
     count, status, full_motion, units = as_int64(0), as_int64(OPTIMAL), WHOLE_TARGET, state.work[WORK_UNITS]
     for attempt in range(2):
         count = prepare(method, 0.0, state)

@@ -216,7 +216,7 @@ def beyond_bound(states: States, world: Record) -> float:
         for p in range(problem.pairs):
             if problem.hand[p] != h or problem.other[p] >= 0:
                 continue
-            near = near or problem.last[p] > problem.first[p] or each.meeting.rows > 0
+            near = near or problem.last[p] > problem.first[p] or each.hand_contact.rows > 0
             body = problem.body[p]
             if problem.last[p] > problem.first[p] and world.bodies[body].is_free == 1:
                 carried = max(carried, _carried(world.bodies[body], each.progress.start))

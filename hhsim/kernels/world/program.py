@@ -16,8 +16,8 @@ from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_moves, as_other_moves
 from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
 from hhsim.kernels.world.friction import NO_LOAD, end_search, find_directions, lower_slips, next_slips
+from hhsim.kernels.world.hand_contact import HAND_CONTACT_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
-from hhsim.kernels.world.meeting import MEETING_KEYS, guess_dense, read_dense
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
@@ -71,7 +71,7 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
     filled = as_int64(0)
     for i in range(loaded.count):
         row = loaded.row[i]
-        if JOINT_KEYS < loaded_key[i] <= MEETING_KEYS:
+        if JOINT_KEYS < loaded_key[i] <= HAND_CONTACT_KEYS:
             continue
         found = as_bool(row < problem.rows and key[row] == loaded_key[i])
         if found:

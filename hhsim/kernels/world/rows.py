@@ -39,8 +39,8 @@ from hhsim.kernels.world.columns import (
     torsion_radius,
     write_row,
 )
+from hhsim.kernels.world.hand_contact import dense_rows
 from hhsim.kernels.world.joints import joint_rows
-from hhsim.kernels.world.meeting import dense_rows
 
 HAND_FRICTION = 48
 TABLE_CONTACTS = 24
@@ -336,7 +336,7 @@ def _add_group(problem: Record, start: int, stop: int, block: int) -> None:
 @jit
 def bends(states: States, problem: Record, hand: int, finger: int) -> bool:
     """Return whether a program has rows that may bend a finger: of its contacts, or of pairs of hands' parts."""
-    found = as_bool(states[hand].meeting.meets[finger] == 1)
+    found = as_bool(states[hand].hand_contact.has_row[finger] == 1)
     for p in range(problem.pairs):
         begin = states[p].contacts.start
         found = found or (problem.hand[p] == hand and problem.other[p] < 0 and begin[finger + 2] > begin[finger + 1])

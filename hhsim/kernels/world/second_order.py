@@ -214,7 +214,7 @@ def _curvature(lagrangian: Lagrangian, step: Array, work: Record, product_out: A
             copy_values(step[fingers : fingers + FINGERS], hand[6:])
         if world.curved and still:
             curvature_product(each.pose, each.contacts, problem.first[h], row, force, hand, product)
-        if each.meeting.bends:
+        if each.hand_contact.bends:
             pairs, first = lagrangian.pairs, problem.dense_row
             arguments = pairs.address, as_int64(h), first, row, force, problem.inverse_root[:], hand, product
             run_code(pairs.curvature, arguments)
@@ -360,7 +360,7 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
     pairs = world.hand_pairs
     for i in range(pairs.count):
         is_own = pairs.hand[i, 0] == pairs.hand[i, 1]
-        bends = bends or (is_own and pairs.multiplier[i] > 0.0 and states[pairs.hand[i, 0]].meeting.bends)
+        bends = bends or (is_own and pairs.multiplier[i] > 0.0 and states[pairs.hand[i, 0]].hand_contact.bends)
     if not still:
         square = 0.0
         for j in range(n):

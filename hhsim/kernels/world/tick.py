@@ -58,8 +58,8 @@ from hhsim.kernels.tick.tick import (
     update_reach,
 )
 from hhsim.kernels.world.columns import is_still
+from hhsim.kernels.world.hand_contact import add_hand_contact_forces
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
-from hhsim.kernels.world.meeting import bear_meetings
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
 from hhsim.kernels.world.restoration import (
@@ -128,7 +128,7 @@ def _find_loads(method: World, state: Record) -> None:
     problem = world.problem
     for h in range(problem.hands if method.bodies == 0 else 0):
         store_active_contacts(state.contacts, problem.first[h], problem.last[h], world.loaded, states[h].warm)
-    bear_meetings(states, world.hand_pairs)
+    add_hand_contact_forces(states, world.hand_pairs)
 
 
 @jit
@@ -201,7 +201,7 @@ def advance(method: World, full_motion: float, state: Record) -> bool:
     else:
         fraction, longest = allowed_share(method)
     for h in range(problem.hands if still else 0):
-        hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].meeting.rows > 0)
+        hindered = as_bool(states[h].contacts.start[FINGER_COUNT + 1] + states[h].hand_contact.rows > 0)
         fraction = keep_bound(method.movers[h], options, hindered, fraction, world.longest[h], states[h])
     ask_bodies(method, STAGE.MOVE_BODIES, fraction)
     _find_loads(method, state)
@@ -254,7 +254,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     pairs.count, pairs.within[:], state.fallback.is_coupled = 0, near, True
     for h in range(problem.hands):
         method.states[h].fallback.is_relaxed = method.states[h].fallback.holds_abduction = True
-        method.states[h].meeting.bends = False
+        method.states[h].hand_contact.bends = False
     world.curved = False
     count = prepare(method, near, state)
     for h in range(problem.hands if count >= 0 else 0):

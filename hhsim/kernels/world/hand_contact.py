@@ -13,7 +13,7 @@ from hhsim.kernels.qp.active_set import QpWork
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.columns import States, common_count, name_row
 
-MEETING_KEYS = -100
+HAND_CONTACT_KEYS = -100
 """Keys of dense rows go down from here: below those of the fingers' limits, and above those of joints."""
 HAND_PART = 1 << 62
 """Key of a force of a hand's part among a hand's active contacts: no contact has it, and no guess takes it for one."""
@@ -46,7 +46,7 @@ def dense_rows(states: States, pairs: Record, offset: float, row: int, problem: 
             for j in range(fingers):
                 problem.dense[i, fingers * h + j] = pairs.gradient[i, h, 6 + j] * weight[6 + j]
         problem.rhs[row] = row_rest(offset, states, hands, i, pairs)
-        row = name_row(problem, row, MEETING_KEYS - i, as_int64(-1), as_int64(0))
+        row = name_row(problem, row, HAND_CONTACT_KEYS - i, as_int64(-1), as_int64(0))
     return as_int64(row)
 
 
@@ -71,7 +71,7 @@ def read_dense(problem: Record, pairs: Record, qp: QpWork) -> None:
 
 
 @jit
-def bear_meetings(states: States, pairs: Record) -> None:
+def add_hand_contact_forces(states: States, pairs: Record) -> None:
     """Add the forces of hands' parts on each other to those on each hand."""
     for i in range(pairs.count):
         for side in range(2 if pairs.multiplier[i] != 0.0 else 0):
