@@ -54,7 +54,7 @@ CONTACTS = np.dtype(
 """Contact records: the solver's view of the object, for every kind of surface."""
 
 
-FAR = 4.0
+FAR_SLACK = 4.0
 """Multiple of a walk's reach: a body with more slack when gathered has no lists that another walk would discard."""
 
 
@@ -101,11 +101,11 @@ class ListDistances(NamedTuple):
 
 AHEAD = 0.5
 """A body may be gathered ahead once slack - needed is below this share of the skin, and of its slack when gathered."""
-LONG = 64.0
+MANY_PAIRS = 64.0
 STALE = 0.5
-LASTS = 50.0
-"""A body with more than LONG measured pairs may also be gathered ahead once it has moved by STALE of what is needed, if
-it takes more than LASTS evaluations to move as far again: a fresh list has fewer pairs to measure."""
+LASTING = 50.0
+"""A body with more than MANY_PAIRS measured pairs may also be gathered ahead once it has moved by STALE of what is
+needed, if it takes more than LASTING evaluations to move as far again: a fresh list has fewer pairs to measure."""
 
 
 @jit_inline
@@ -119,18 +119,18 @@ def choose_gathers(reach: ListDistances, candidates: Record, work: Indices) -> N
     candidates.needed = needed
     must = needed - candidates.allowed_deficit
     soonest, least = -1, np.inf
-    stale, longest = -1, LONG
+    stale, longest = -1, MANY_PAIRS
     for body in range(BODY_COUNT):
         # Far from the object a long step leaves little slack, which would bound the next one; a walk there is cheap.
         slack, gathered = candidates.slack[body], candidates.gathered_slack[body]
-        due = slack < must or (gathered > FAR * (margin + skin) and slack < 0.5 * gathered)
+        due = slack < must or (gathered > FAR_SLACK * (margin + skin) and slack < 0.5 * gathered)
         candidates.due[body] = 1 if due else 0
         moved, count = gathered - slack, candidates.count[body]
         if due:
             least, longest = -np.inf, np.inf
         elif slack < least and moved > 0.0 and slack < needed + AHEAD * min(skin, gathered - needed):
             soonest, least = body, slack
-        elif count > longest and moved > STALE * needed and LASTS * candidates.slack_change[body] < STALE * needed:
+        elif count > longest and moved > STALE * needed and LASTING * candidates.slack_change[body] < STALE * needed:
             stale, longest = body, count
     if work[COUNT_GATHERS] > 0:
         return

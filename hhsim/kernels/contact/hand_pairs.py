@@ -46,7 +46,7 @@ OWN_PAIRS = PHALANX_COUNT * PHALANX_COUNT * FINGER_COUNT * (FINGER_COUNT - 1) //
 """Most pairs of one hand."""
 MOST_PAIRS = 2 * OWN_PAIRS + BODY_COUNT * BODY_COUNT
 """Most pairs of two hands."""
-PAIR_ROWS = 128
+HAND_PAIR_ROWS = 128
 """Most rows in a program; what it lacks is found by the true distances."""
 WORTH_A_ROW = 1e-3
 """Share of the clearance by which a step breaks a row that the program lacks before it is added."""
@@ -54,14 +54,14 @@ BEND = 1e-4
 """Largest rotation of a joint [rad] for a difference of gradients."""
 EXACT = 1e-4
 """Least distances below this are no bounds [m]."""
-LASTS = 5e-4
+BOUND_SKIN = 5e-4
 """Pairs up to this much farther are measured with them [m], so that bounds last for ticks."""
-STILL = 1e-12
+UNMOVED = 1e-12
 """Motion below what a program may leave a row broken by [m]: distances are as they were."""
 STEEP = 0.5
 """Share of the coupling by which rows curve that are steep: so much of an error a program of flat rows leaves at least,
 and beyond 1 it grows from tick to tick until a tick has enough programs for second derivatives."""
-DEEP = 1e-3
+DEEP_HANDS = 1e-3
 """Hands that parts have pushed deeper into each other than this [m] are parted along the line of their palms, whatever
 is deeper meanwhile: there the normals of their pairs contradict each other."""
 OWN, CROSS = 0, 1
@@ -82,14 +82,14 @@ HAND_PAIRS = np.dtype(
         ("within", np.float64, (2,)),  # of pairs farther apart than this no row is sought [m]
         ("count", np.int64),  # rows in the program
         ("crossing", np.int64),  # those of pairs of two hands
-        ("pair", np.int64, (PAIR_ROWS,)),  # of each row
-        ("hand", np.int64, (PAIR_ROWS, 2)),  # of its bodies
-        ("body", np.int64, (PAIR_ROWS, 2)),  # 0 to 14, or 15 and on for the palm's spheres
-        ("multiplier", np.float64, (PAIR_ROWS,)),  # [N]
-        ("distance", np.float64, (PAIR_ROWS + 1,)),  # [m]; as what follows with one row more, to try a pair
-        ("normal", np.float64, (PAIR_ROWS + 1, 3)),  # unit, from the second body to the first
-        ("gradient", np.float64, (PAIR_ROWS + 1, 2, DOF)),  # of the distance by each hand's variables [1, m/rad]
-        ("spread", np.float64, (PAIR_ROWS + 1, 2, FINGER_COUNT)),  # and by the fingers' abduction
+        ("pair", np.int64, (HAND_PAIR_ROWS,)),  # of each row
+        ("hand", np.int64, (HAND_PAIR_ROWS, 2)),  # of its bodies
+        ("body", np.int64, (HAND_PAIR_ROWS, 2)),  # 0 to 14, or 15 and on for the palm's spheres
+        ("multiplier", np.float64, (HAND_PAIR_ROWS,)),  # [N]
+        ("distance", np.float64, (HAND_PAIR_ROWS + 1,)),  # [m]; as what follows with one row more, to try a pair
+        ("normal", np.float64, (HAND_PAIR_ROWS + 1, 3)),  # unit, from the second body to the first
+        ("gradient", np.float64, (HAND_PAIR_ROWS + 1, 2, DOF)),  # of the distance by each hand's variables [1, m/rad]
+        ("spread", np.float64, (HAND_PAIR_ROWS + 1, 2, FINGER_COUNT)),  # and by the fingers' abduction
         ("bent", HAND_POSE),  # a hand a little farther along a step, for second derivatives
     ],
     align=True,
@@ -353,11 +353,11 @@ def measure_pairs(pairs: HandPairs, exact: float) -> None:
     rows = pairs.rows[0]
     own, cross = _motions_since(pairs)
     rows.least[OWN], rows.least[CROSS] = rows.floor[OWN] - own, rows.floor[CROSS] - cross
-    known = rows.least[OWN] >= exact or (own <= STILL and rows.least[OWN] >= 0.0)
-    if not (known and (rows.least[CROSS] >= exact or (cross <= STILL and rows.least[CROSS] >= 0.0))):
-        _update_bounds(pairs, exact + LASTS)
+    known = rows.least[OWN] >= exact or (own <= UNMOVED and rows.least[OWN] >= 0.0)
+    if not (known and (rows.least[CROSS] >= exact or (cross <= UNMOVED and rows.least[CROSS] >= 0.0))):
+        _update_bounds(pairs, exact + BOUND_SKIN)
     # Hands deep in each other are not judged by their distance.
-    cross = rows.least[CROSS] - rows.kept if rows.kept >= -DEEP else np.inf
+    cross = rows.least[CROSS] - rows.kept if rows.kept >= -DEEP_HANDS else np.inf
     for h in range(pairs.hands):
         pairs.states[h].hand_contact.least = min(rows.least[OWN], cross)
 
@@ -480,7 +480,7 @@ def _leave_room(pairs: HandPairs, offset: float, row: int) -> None:
 def _add_row(pairs: HandPairs, pair: int, body: int, other: int, multiplier: float, offset: float) -> bool:
     """Add the row of two bodies of a pair; False where there is no room."""
     rows, row = pairs.rows[0], pairs.rows[0].count
-    if row == PAIR_ROWS:
+    if row == HAND_PAIR_ROWS:
         return False
     write_row(pairs, pair, body, other, row)
     rows.pair[row], rows.multiplier[row] = pair, multiplier
@@ -508,7 +508,7 @@ def keep_loaded_rows(pairs: HandPairs, offset: float) -> None:
         hand_contact.has_row[:] = 0
     for i in range(last_count):
         pair = rows.pair[i]
-        if rows.multiplier[i] > 0.0 and (rows.kept >= -DEEP or _kind(pairs, pair) == OWN):
+        if rows.multiplier[i] > 0.0 and (rows.kept >= -DEEP_HANDS or _kind(pairs, pair) == OWN):
             _add_row(pairs, pair, rows.body[i, 0], rows.body[i, 1], rows.multiplier[i], offset)
     for h in range(pairs.hands):
         hand_contact = pairs.states[h].hand_contact
@@ -526,7 +526,7 @@ def _has_row(rows: Record, pair: int, body: int, other: int) -> bool:
 @jit
 def _add_worst(pairs: HandPairs, pair: int, limit: float, offset: float) -> bool:
     """Add the row of the bodies nearer than `limit` [m] that the step breaks most of those that the program lacks."""
-    rows, row, worst = pairs.rows[0], as_int64(PAIR_ROWS), WORTH_A_ROW * offset
+    rows, row, worst = pairs.rows[0], as_int64(HAND_PAIR_ROWS), WORTH_A_ROW * offset
     h, k, part, other_part = pairs.hand[pair, 0], pairs.hand[pair, 1], pairs.part[pair, 0], pairs.part[pair, 1]
     first, second = _hand(pairs, h), _hand(pairs, k)
     body, other, worst_body, worst_other = as_int64(-1), as_int64(-1), as_int64(-1), as_int64(-1)
@@ -550,13 +550,13 @@ def add_rows(pairs: HandPairs, offset: float) -> bool:
     """Add a row of each pair that the step at hand would bring nearer than the offset; return whether one is new."""
     rows, added = pairs.rows[0], False
     own, cross = _step_motions(pairs)
-    if rows.least[OWN] >= own + offset - STILL and rows.least[CROSS] >= cross + offset - STILL:
+    if rows.least[OWN] >= own + offset - UNMOVED and rows.least[CROSS] >= cross + offset - UNMOVED:
         return False
     _at_the_bounds(pairs, max(own, cross) + offset)
     for pair in range(pairs.part.shape[0]):
         kind = _kind(pairs, pair)
         limit = min(_closing(pairs, pair, rows.motion) + offset, rows.within[kind])
-        if rows.bound[pair] <= limit and (kind == OWN or rows.kept >= -DEEP):
+        if rows.bound[pair] <= limit and (kind == OWN or rows.kept >= -DEEP_HANDS):
             added = _add_worst(pairs, pair, limit, offset) or added
     return added
 
@@ -636,7 +636,7 @@ def add_bends(
         bends = bends or first <= row[i] < first + rows.count
     if not bends or most == 0.0:
         return
-    share, last, along, square = BEND / most, as_int64(PAIR_ROWS), 0.0, 0.0
+    share, last, along, square = BEND / most, as_int64(HAND_PAIR_ROWS), 0.0, 0.0
     for f in range(FINGER_COUNT):
         _bend(hand, state.pose, f, share, step, bent)
     for i in range(row.shape[0]):

@@ -6,7 +6,7 @@ It is the signed solid angle of all triangles over 4π (Jacobson, Kavan, Sorkine
 segmentation using generalized winding numbers"): 1 inside and 0 outside a closed surface, in between near a hole, 2 or
 −1 where pieces overlap or are inside out. Triangles far away count together, after Barill, Dickson, Schmidt, Levin and
 Jacobson, "Fast winding numbers for soups and clouds" (2018): a node with triangles within R of its centre is expanded,
-to second order, for points beyond `FAR`·R.
+to second order, for points beyond `FAR_FIELD`·R.
 
 Bounding-volume hierarchy over the triangles of a mesh: exact closest point and signed distance.
 
@@ -26,7 +26,7 @@ from hhsim.kernels.kd_tree import STACK, build_median_tree
 from hhsim.kernels.triangle import Triangle, closest_on_triangle, far_corner2, triangle_at
 
 SMALL = 1.0e-100
-FAR = 2.0
+FAR_FIELD = 2.0
 """Distance [radii of the node] from which a node is expanded: right to 0.05, and to 0.01 on average."""
 
 
@@ -146,7 +146,7 @@ def winding_at(bvh: Any, x: float, y: float, z: float, stack: Indices) -> float:
         node = stack[top]
         dx, dy, dz = moments.center[node, 0] - x, moments.center[node, 1] - y, moments.center[node, 2] - z
         d2 = dx * dx + dy * dy + dz * dz
-        reach = FAR * moments.radius[node]
+        reach = FAR_FIELD * moments.radius[node]
         if d2 > reach * reach and d2 > 0.0:
             m = moments.moment[node]
             inverse2 = 1.0 / d2

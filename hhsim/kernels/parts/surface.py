@@ -39,12 +39,12 @@ from hhsim.kernels.surfaces.mesh import way_out
 
 AXIS_POINTS = 9
 """Points of a phalanx's axis that are looked at, at most 6 mm apart."""
-DEEP = 0.5
+NEAR_AXIS = 0.5
 """A body whose axis is nearer to a part than this multiple of its least radius may have it over its axis soon: in a
 sub-step a part passes it by the margin at most."""
 OPPOSITE = -0.5
 """Cosine of the angle with its way out so far beyond which a body takes no other: it leaves a part where it came in."""
-ROUNDING = 1e-12
+DEPTH_ROUNDING = 1e-12
 """Error of a depth [m]."""
 KEY = 1 << 40
 """Least key of a way out: more than the keys of the features of a part."""
@@ -126,7 +126,7 @@ def _seek(solid: MeshFeatures, hand: HandArrays, part: Record, body: int) -> flo
         x, y, z, radius = _sphere(hand, part.hand, body, i)
         height = way_out(solid, x, y, z, part.near.stack[:])[0] - part.sticks_out
         if height <= 0.0:
-            shortest = max(shortest, radius - height - ROUNDING)
+            shortest = max(shortest, radius - height - DEPTH_ROUNDING)
     if shortest == 0.0:
         return np.inf
     if part.is_over[body] == 1:
@@ -149,7 +149,7 @@ def find_ways_out(solid: MeshFeatures, hand: HandArrays, part: Record) -> None:
         radius = np.inf
         for i in range(_point_count(hand, body)):
             radius = min(radius, _sphere(hand, part.hand, body, i)[3])
-        if part.is_over[body] == 0 and near.nearest[body] >= -DEEP * radius:
+        if part.is_over[body] == 0 and near.nearest[body] >= -NEAR_AXIS * radius:
             continue
         depth = _seek(solid, hand, part, body)
         part.is_over[body] = 1 if depth < np.inf else 0

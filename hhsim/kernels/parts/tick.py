@@ -44,11 +44,11 @@ WAYS = 12
 """Most steps of a hand that gives way in a sub-step."""
 SQUEEZES = 8
 """Most steps towards the least depth in a sub-step."""
-SETTLED = 1e-7
+LAST_SQUEEZE = 1e-7
 """A step of this length [m] towards the least depth is the last one."""
 FIRM = 1e6
 """Stiffness k of a depth [N/m]: a thousand times that of the palm's coupling, so that a depth is off by micrometres."""
-DEPTHS = SLACKS
+SQUEEZE_DEPTHS = SLACKS
 """Depths of a squeezed hand: of the palm, and of each finger."""
 
 
@@ -153,11 +153,11 @@ def _squeeze(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> bo
     """Bring the hand to the least depth in the parts that yield; returns whether all pairs fit into the arrays."""
     problem, contacts, fits = method.world[0].problem, state.contacts, as_bool(True)
     # Depths of the palm and of each finger, in the columns of slack variables.
-    problem.slacks, method.world[0].curved = DEPTHS, False
+    problem.slacks, method.world[0].curved = SQUEEZE_DEPTHS, False
     for _ in range(SQUEEZES):
         count = prepare(method, 0.0, state)
         fits = as_bool(count >= 0)
-        for j in range(DEPTHS if fits else 0):
+        for j in range(SQUEEZE_DEPTHS if fits else 0):
             problem.target[problem.width + j] = 0.0
             for i in range(contacts.start[j], contacts.start[j + 1]):
                 if parts.part[contacts.key[i] // KEY_STRIDE].yields == 1:
@@ -166,7 +166,7 @@ def _squeeze(parts: PartsMotion, method: World, state: Record, qp: QpWork) -> bo
             break
         longest = _move_hand(method, state)
         fits = as_bool(measure(method))
-        if not fits or longest < SETTLED:
+        if not fits or longest < LAST_SQUEEZE:
             break
     problem.slacks = 0
     return fits

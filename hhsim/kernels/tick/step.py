@@ -138,9 +138,9 @@ CLEAR = 0.8
 """Share of the offset that a hand must be away from the object to go a part of a step."""
 LEAST_SHARE = 0.05
 """Least share of a step that such a hand goes; below it the target is brought nearer."""
-FALLS, FASTEST, LONG = 32.0, 1.8, 96.0
+FALLS, FASTEST, LONG_SNAP = 32.0, 1.8, 96.0
 """A hand that has snapped for n ticks goes 1 + (n / FALLS)² times as far in a tick, at most `FASTEST` times, so that no
-tick is a jump; with ((n - LONG) / FALLS)² times in addition the snap of a hand far inside ends, too."""
+tick is a jump; with ((n - LONG_SNAP) / FALLS)² times in addition the snap of a hand far inside ends, too."""
 IN_THE_AIR = 0.1
 """Share of the way left that a hand goes in a tick which has snapped and comes free."""
 LEAST_STEP = 0.25
@@ -181,7 +181,7 @@ def allowed_fraction(hand: HandArrays, options: TickOptions, state: Record) -> t
 @jit_inline
 def snap_step(options: TickOptions, progress: Record) -> float:
     """Return how far a hand may go in this tick beyond the user's own motion [m]: farther where it snaps for long."""
-    growth, late = progress.snapped / FALLS, max(0.0, progress.snapped - LONG) / FALLS
+    growth, late = progress.snapped / FALLS, max(0.0, progress.snapped - LONG_SNAP) / FALLS
     return options.snap_step * (min(1.0 + growth * growth, FASTEST) + late * late)
 
 

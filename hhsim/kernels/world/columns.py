@@ -27,7 +27,7 @@ from hhsim.kernels.world.body import SLIDER
 States: TypeAlias = NDArray[np.void]
 """State of each pair. The first one also has what the whole tick shares: all contacts, flags, progress and work."""
 
-KINDS = 8
+ROW_KINDS = 8
 """Keys of rows: that of their contact times this, plus 0 for its normal row, or 1 and on for those of friction."""
 
 
@@ -198,7 +198,7 @@ def name_rows(contacts: Record, problem: Record) -> None:
                 for i in range(first, limits):
                     problem.common[j, i] = 0.0
         for i in range(first, last):
-            problem.key[i] = KINDS * contacts.key[i]
+            problem.key[i] = ROW_KINDS * contacts.key[i]
         for i in range(last, limits):
             problem.key[i] = last - i - 1 - LIMIT_ROWS * p
         for i in range(first, limits):

@@ -22,9 +22,9 @@ NEAR_EDGES = 2048
 """Room for near pairs of edges."""
 DEEPEST = 5e-4
 """Depth [m] beyond which two edges are on opposite sides of a thin wall: no step leads so far in."""
-PARALLEL = 1e-6
+PARALLEL_SINE = 1e-6
 """Edges with a smaller sine of their angle touch along their length, at corners."""
-BEYOND = 0.02
+BEYOND_SINE = 0.02
 """Sine by which n may be beyond the normal of a face: where two faces lie on each other n is that of both, and a little
 tilt says which of the crossings of their edges touch."""
 EDGE_KEY = 1 << 30
@@ -78,7 +78,7 @@ def _between(dx: float, dy: float, dz: float, e: Triple, g: Array, length: float
     b = ex * g[0] + ey * g[1] + ez * g[2]
     c, f = ex * dx + ey * dy + ez * dz, g[0] * dx + g[1] * dy + g[2] * dz
     denominator = 1.0 - b * b
-    s = min(max((b * f - c) / denominator, 0.0), length) if denominator > PARALLEL * PARALLEL else 0.0
+    s = min(max((b * f - c) / denominator, 0.0), length) if denominator > PARALLEL_SINE * PARALLEL_SINE else 0.0
     t = b * s + f
     if t < 0.0 or t > other_length:
         t = min(max(t, 0.0), other_length)
@@ -131,7 +131,7 @@ def _is_between(nx: float, ny: float, nz: float, e: Triple, first: Triple, secon
     # More than half a turn away both have the right sign too, but n is on the other side.
     side = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
     sign = 1.0 if whole >= 0.0 else -1.0
-    return sign * past_first >= -BEYOND and sign * before_second >= -BEYOND and side > 0.0
+    return sign * past_first >= -BEYOND_SINE and sign * before_second >= -BEYOND_SINE and side > 0.0
 
 
 @jit
@@ -141,7 +141,7 @@ def _measure(edges: Edges, others: Edges, center: Array, pose: Record, pair: int
     gx, gy, gz = others.along[j, 0], others.along[j, 1], others.along[j, 2]
     nx, ny, nz = ey * gz - ez * gy, ez * gx - ex * gz, ex * gy - ey * gx
     sine = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if sine < PARALLEL:
+    if sine < PARALLEL_SINE:
         return np.inf
     n, scale = others.normal[j], 1.0 / sine
     if nx * (n[0, 0] + n[1, 0]) + ny * (n[0, 1] + n[1, 1]) + nz * (n[0, 2] + n[1, 2]) < 0.0:

@@ -201,7 +201,7 @@ def find_directions(floats: float, world: Record) -> None:
 
 NO_LOAD = 1e-3
 """A contact whose normal row bears no more than this share of its load rubs with all of it."""
-FLAT = 1e-3
+LEAST_PIVOT = 1e-3
 """A system with a pivot smaller than this, as a share of its largest entry or of 1, says nothing of its unknown."""
 MOST_WAIT = 3
 """After each search for Γ that came to nothing in a row twice as many ticks go without one, up to this power of 2."""
@@ -311,7 +311,7 @@ def _solve_system(count: int, work: Record) -> None:
             rhs[c], rhs[pivot] = rhs[pivot], rhs[c]
             for j in range(c, count):
                 matrix[c, j], matrix[pivot, j] = matrix[pivot, j], matrix[c, j]
-        if abs(matrix[c, c]) < FLAT * largest:
+        if abs(matrix[c, c]) < LEAST_PIVOT * largest:
             matrix[c, c] = 1.0
             rhs[c] = 0.0
             for j in range(c + 1, count):

@@ -6,7 +6,7 @@ two fingers of one: it is a dense one (`kernels.qp.row_scan`).
 
 import math
 
-from hhsim.kernels.contact.hand_pairs import DEEP, row_rest
+from hhsim.kernels.contact.hand_pairs import DEEP_HANDS, row_rest
 from hhsim.kernels.hand.kinematics import DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_int64, jit
 from hhsim.kernels.qp.active_set import QpWork
@@ -27,7 +27,7 @@ def part_targets(states: States, problem: Record, kept: float) -> None:
     problem.hand_target[:] = 0.0
     states[0].problem.abduction_step[:] = states[1].problem.abduction_step[:] = 0.0
     for j in range(3):
-        away = -0.5 * kept * (first[j] - second[j]) / max(between, DEEP)
+        away = -0.5 * kept * (first[j] - second[j]) / max(between, DEEP_HANDS)
         problem.hand_target[j], problem.hand_target[DOF + j] = away, -away
 
 

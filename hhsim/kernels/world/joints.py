@@ -7,7 +7,7 @@ the speed so far, foresees t, so that friction is τ to the second order.
 
 Two free bodies on a joint keep all of their variables, and a slack variable for friction is one more. Of the six values
 of one body's place beside the other, from where both began, one is free: it has limits and friction. The other five are
-kept at 0 to `KEPT` by two rows.
+kept at 0 to `JOINT_TOLERANCE` by two rows.
 """
 
 import math
@@ -22,19 +22,19 @@ from hhsim.kernels.world.columns import States, common_count, name_row, write_ro
 
 SLACK = 4
 """Column of a jointed body's slack variable."""
-FAR = 100.0
+SLACK_OFFSET = 100.0
 """Distance of its target below 0 [rad] or [m]: the relative error of friction is the change of t over it."""
 JOINT_KEYS = -900
 """Keys of the rows go down from here: above those of the table, and below those of the fingers' limits."""
 JOINT_ROWS = 4
 """Rows of a joint: lower and upper limit, then friction of either sign."""
-PAIR_ROWS = 14
+PAIR_JOINT_ROWS = 14
 """Rows of a joint of two free bodies: limits of each value, and friction. Keys are apart by so many for each body."""
-PAIR_KIND = -1
+PAIR_JOINT_KIND = -1
 """Kind of such a row."""
-KEPT = 2e-7
+JOINT_TOLERANCE = 2e-7
 """Size that the values of such a joint may have [m, rad]."""
-SETTLED = 1e-6
+END_TOLERANCE = 1e-6
 """The same at the end of a tick, unless it lags."""
 
 
@@ -116,12 +116,12 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
     pair_values(body, pose, values[:])
     contact_code, origin, free = BODY_COUNT * body.pair + PALM_BODY, body.joint_origin, free_value(body)
     center[0], center[1], center[2] = origin[0], origin[1], origin[2]
-    for r in range(PAIR_ROWS):
+    for r in range(PAIR_JOINT_ROWS):
         i, sign = r // 2, 1.0 if r % 2 == 0 else -1.0
         of_friction = i == OBJECT_DOF
         if of_friction:
             i = free
-        limit = body.limits[r % 2] if i == free else -sign * KEPT
+        limit = body.limits[r % 2] if i == free else -sign * JOINT_TOLERANCE
         if (of_friction and body.joint_friction == 0.0) or (not of_friction and math.isinf(limit)):
             continue
         along = 1.0 if i < 3 else 0.0
@@ -131,18 +131,19 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
         write_row(states, world, contact_code, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
         if of_friction:
-            problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
+            problem.common[slack_column(body, problem, k), row] = math.sqrt(SLACK_OFFSET / body.joint_friction)
             problem.rhs[row] = rhs
-        row = name_row(problem, row, JOINT_KEYS - PAIR_ROWS * k - r, as_int64(-1), as_int64(PAIR_KIND))
+        row = name_row(problem, row, JOINT_KEYS - PAIR_JOINT_ROWS * k - r, as_int64(-1), as_int64(PAIR_JOINT_KIND))
     return as_int64(row)
 
 
 @jit
 def joints_hold(states: States, world: Record) -> bool:
     """Return whether all values that joints of two free bodies keep are as small as at the end of a tick."""
+    values = world.problem.scratch
     for k in range(world.problem.bodies):
         body = world.bodies[k]
-        if body.pair_joint > 0 and not pair_values(body, states[body.pair].pose, world.problem.scratch[:]) <= SETTLED:
+        if body.pair_joint > 0 and not pair_values(body, states[body.pair].pose, values[:]) <= END_TOLERANCE:
             return as_bool(False)
     return as_bool(True)
 
@@ -171,9 +172,9 @@ def joint_rows(states: States, world: Record, relaxed: bool, row: int) -> int:
                 problem.block[j, row] = 0.0
             problem.common[own, row] = sign * body.inverse_root[own - column]
             if of_friction:
-                problem.common[slack_column(body, problem, k), row] = math.sqrt(FAR / body.joint_friction)
+                problem.common[slack_column(body, problem, k), row] = math.sqrt(SLACK_OFFSET / body.joint_friction)
                 problem.rhs[row] = -sign * made
             else:
                 problem.rhs[row] = sign * (limit - value)
-            row = name_row(problem, row, JOINT_KEYS - PAIR_ROWS * k - r, as_int64(-1), as_int64(0))
+            row = name_row(problem, row, JOINT_KEYS - PAIR_JOINT_ROWS * k - r, as_int64(-1), as_int64(0))
     return as_int64(row)

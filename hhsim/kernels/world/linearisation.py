@@ -7,7 +7,7 @@ together until none does.
 import numpy as np
 
 from hhsim.kernels.contact.detection import find_surface_contacts, pairs_near
-from hhsim.kernels.contact.hand_pairs import ADD_ROWS, CLEAR_SHARE, DEEP, KEEP_LOADED_ROWS, ask_pairs
+from hhsim.kernels.contact.hand_pairs import ADD_ROWS, CLEAR_SHARE, DEEP_HANDS, KEEP_LOADED_ROWS, ask_pairs
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, build_rows, clamp_to_limits, drop_redundant_contacts
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PHALANX_COUNT
 from hhsim.kernels.jit import Record, as_bool, as_int64, jit, jit_noinline
@@ -35,7 +35,7 @@ from hhsim.kernels.world.restoration import only_restores
 from hhsim.kernels.world.rows import PAIR_KEYS, bends
 from hhsim.kernels.world.second_order import FLAT_PROGRAMS
 
-ROUNDS = 12
+PAIR_ROUNDS = 12
 """Most programs of a linearisation, each with rows of hands' pairs that the step of the one before would break."""
 UNITS_ROUND = 25_000
 """Work units of a program more for pairs that the step of the one before would bring together."""
@@ -122,7 +122,7 @@ def write_other_pairs(method: World, state: Record) -> None:
 def _aim_fingers(method: World, world: Record) -> None:
     """Let the targets of fingers that no row may bend be within the joints' limits, and all others the user's own."""
     problem = world.problem
-    for h in range(problem.hands if world.hand_pairs.kept >= -DEEP and not world.stays else 0):
+    for h in range(problem.hands if world.hand_pairs.kept >= -DEEP_HANDS and not world.stays else 0):
         each, target = method.states[h], problem.hand_target[DOF * h : DOF * h + DOF]
         for f in range(FINGER_COUNT):
             for k in range(PHALANX_COUNT):
@@ -152,7 +152,7 @@ def prepare(method: World, near: float, state: Record) -> int:
             target[:] = 0.0
             abduction[:] = 0.0
         damped_target(world, as_int64(h), as_int64(0), as_int64(6))
-    if world.hand_pairs.kept < -DEEP:
+    if world.hand_pairs.kept < -DEEP_HANDS:
         part_targets(method.states, problem, world.hand_pairs.kept)
     ask_pairs(options.pairs, KEEP_LOADED_ROWS, options.offset, 0.0)
     count += world.hand_pairs.count
@@ -207,7 +207,7 @@ def solve_with_pairs(method: World, count: int, clipped: bool, state: Record, qp
         if is_still(world.problem):
             take_hand_steps(method.states, world.problem)
         ask_bodies(method, STAGE.TAKE_STEPS, 0.0)
-    for _ in range(ROUNDS):
+    for _ in range(PAIR_ROUNDS):
         if status != OPTIMAL or not _add_rows(method, clipped, state):
             break
         status = _solve_rows(method, clipped, state, qp)

@@ -113,7 +113,7 @@ MOST_DAMPING = 30.0
 """Largest s: a hand that is held would hit what moves into it like a wall."""
 AIMED = 0.9
 """Share of the bound that a raised damping aims at."""
-KEPT, LEAST_KEPT = 0.5, 0.5
+DAMPING_KEPT, LEAST_DAMPING = 0.5, 0.5
 """Share of a tick's damping that the next one begins with, since to raise it takes programs; less than that is none."""
 LEAST_RAISE = 2.0
 """Least factor by which a raise multiplies the hands' stiffness."""
@@ -174,10 +174,10 @@ def begin_bounds(options: TickOptions, states: States, world: Record) -> None:
         progress.bound = snap_step(options, progress) + states[h].input.motion
     world.raises = 0
     if world.damping > 0.0:
-        rows, damping = 0, KEPT * world.damping
+        rows, damping = 0, DAMPING_KEPT * world.damping
         for p in range(world.problem.pairs):
             rows += world.problem.last[p] - world.problem.first[p] if world.problem.other[p] < 0 else 0
-        damp(states, world, damping if rows > 0 and damping > LEAST_KEPT else 0.0)
+        damp(states, world, damping if rows > 0 and damping > LEAST_DAMPING else 0.0)
 
 
 @jit

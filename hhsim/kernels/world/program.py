@@ -17,7 +17,7 @@ from hhsim.kernels.world.body import OBJECT_DOF, SLIDER, along_axis, as_object_m
 from hhsim.kernels.world.columns import States, common_count, hand_column, is_still, variable_count, wide_rows
 from hhsim.kernels.world.friction import NO_LOAD, end_search, find_directions, lower_slips, next_slips
 from hhsim.kernels.world.hand_contact import HAND_CONTACT_KEYS, guess_dense, read_dense
-from hhsim.kernels.world.joints import FAR, JOINT_KEYS, slack_column
+from hhsim.kernels.world.joints import JOINT_KEYS, SLACK_OFFSET, slack_column
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.rows import (
     STANDS_BACK,
@@ -31,7 +31,7 @@ from hhsim.kernels.world.rows import (
 
 SEARCHED = 2
 """Programs of a tick in which Γ and directions are sought; in the later ones they stand."""
-ROUNDS = 6
+SHIFT_ROUNDS = 6
 """Most solutions of each of a tick's first two programs with one Γ after another; then Γ stands: the rest is convex."""
 CONVERGES = 0.5
 """A round that leaves more than this share of what Γ was off before is the last one."""
@@ -43,8 +43,8 @@ PART_REPAIRS = 2
 """Limit for a program with a clipped target, from which the tick goes on."""
 LET_FLOAT = 0.5
 """Γ is reduced by this share of the clearance. Otherwise a contact that sticks oscillates, as Γ comes and goes."""
-SETTLED = 0.2
-SETTLED_SHARE = 1e-3
+SHIFT_TOLERANCE = 0.2
+SHIFT_TOLERANCE_SHARE = 1e-3
 """A Γ that is off by no more than this share of the clearance and this one of it is left: so far a contact floats."""
 AT_REST = 1e-11
 """A free body in contact stands still if it would move by no more than this in a tick [m], the tolerance of a program,
@@ -108,8 +108,8 @@ def scale_target(world: Record) -> None:
             target[column] = along_axis(body, target[column : column + OBJECT_DOF])
             target[column + 1] = target[column + 2] = 0.0
         if body.joint_friction > 0.0:
-            far = math.sqrt(FAR * body.joint_friction)
-            target[slack_column(body, problem, as_int64(k))] = (abs(body.joint_made) / FAR - 1.0) * far
+            far = math.sqrt(SLACK_OFFSET * body.joint_friction)
+            target[slack_column(body, problem, as_int64(k))] = (abs(body.joint_made) / SLACK_OFFSET - 1.0) * far
 
 
 @jit
@@ -237,7 +237,7 @@ def _is_settled(states: States, offset: float, world: Record) -> bool:
             square += (friction.slip[i, j] - shift * friction.along[i, 0, j]) ** 2
         off = math.sqrt(square)
         problem.gamma_error = max(problem.gamma_error, off)
-        if off > SETTLED * offset + SETTLED_SHARE * slip or friction.plain_load[i] > NO_LOAD * load:
+        if off > SHIFT_TOLERANCE * offset + SHIFT_TOLERANCE_SHARE * slip or friction.plain_load[i] > NO_LOAD * load:
             settled = False
     return settled
 
@@ -272,7 +272,7 @@ def _keep_friction(offset: float, world: Record) -> None:
         load = friction.plain_load[i] + friction.cone_load[i]
         last.key[count] = TABLE_KEYS - friction.key[i] if friction.contact_code[i] < 0 else friction.key[i]
         balanced = max(0.0, friction.length[i] - LET_FLOAT * offset)
-        found = load == 0.0 or abs(friction.shift[i] - balanced) <= SETTLED * offset
+        found = load == 0.0 or abs(friction.shift[i] - balanced) <= SHIFT_TOLERANCE * offset
         last.shift[count] = balanced if found else friction.shift[i]
         last.about[count] = friction.about[i, 0]
         for j in range(3):
@@ -334,7 +334,7 @@ def solve_free(method: World, state: Record, clipped: bool, qp: QpWork) -> int:
     offset, relaxed, rounds = options.offset, state.fallback.is_relaxed, as_int64(1)
     if state.work[WORK_LINEARISATIONS] - state.progress.restarted <= SEARCHED and not clipped:
         # Where searches came to nothing of late there is none.
-        rounds = as_int64(1 if coulomb.wait > 0 else ROUNDS)
+        rounds = as_int64(1 if coulomb.wait > 0 else SHIFT_ROUNDS)
         coulomb.wait = max(coulomb.wait - 1, 0)
     friction_rows(states, world, offset, relaxed)
     rows = wide_rows(problem)

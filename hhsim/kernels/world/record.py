@@ -15,7 +15,7 @@ from hhsim.kernels.rotation import turned, turned_back
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
 from hhsim.kernels.world.body import HINGE, OBJECT_DOF
 from hhsim.kernels.world.columns import States, body_of, coefficient, other_of, relative_motion, torsion_radius
-from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_KIND, PAIR_ROWS, free_value
+from hhsim.kernels.world.joints import JOINT_KEYS, PAIR_JOINT_KIND, PAIR_JOINT_ROWS, free_value
 from hhsim.kernels.world.rows import DIRECTIONS, TABLE_KEYS
 
 STICKS = 1e-9
@@ -128,10 +128,10 @@ def _add_joint_forces(states: States, world: Record, forces: Record) -> None:
     bodies, problem, loaded = world.bodies, world.problem, world.loaded
     for i in range(loaded.count):
         row, force = loaded.row[i], loaded.multiplier[i]
-        if problem.kind[row] != PAIR_KIND:
+        if problem.kind[row] != PAIR_JOINT_KIND:
             continue
         number = JOINT_KEYS - problem.key[row]
-        k, r = number // PAIR_ROWS, number % PAIR_ROWS
+        k, r = number // PAIR_JOINT_ROWS, number % PAIR_JOINT_ROWS
         pair = bodies[k].pair
         value = free_value(bodies[k]) if r // 2 == OBJECT_DOF else r // 2
         number, pose, p = problem.body[pair], states[pair].pose, bodies[k].joint_origin

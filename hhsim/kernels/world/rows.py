@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from hhsim.kernels.contact.hand_pairs import PAIR_ROWS
+from hhsim.kernels.contact.hand_pairs import HAND_PAIR_ROWS
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.world.body import OBJECT_DOF
 from hhsim.kernels.world.columns import (
-    KINDS,
+    ROW_KINDS,
     States,
     coefficient,
     first_finger,
@@ -96,7 +96,7 @@ def free_problem_dtype(hands: int, bodies: int) -> "np.dtype[Any]":
             ("palm", np.int64, (hands,)),  # first column of each palm
             ("column", np.int64, (bodies,)),  # first column of each body
             ("common", np.float64, (common if bodies == 1 else whole, rows)),  # of palms, bodies and slacks, scaled
-            ("dense", np.float64, (PAIR_ROWS, PHALANX_COUNT * fingers)),  # columns of all fingers of dense rows, scaled
+            ("dense", np.float64, (HAND_PAIR_ROWS, PHALANX_COUNT * fingers)),  # finger columns of dense rows, scaled
             ("dense_row", np.int64),  # first of these
             ("dense_rows", np.int64),  # number of these
             ("block", np.float64, (PHALANX_COUNT, rows)),  # columns of the row's own finger, scaled
@@ -399,7 +399,7 @@ def friction_rows(states: States, world: Record, offset: float, relaxed: bool) -
             rhs = min(rhs, 0.0)
         contact_code, m = friction.contact_code[i], (n[0], n[1], n[2])
         write_row(states, world, contact_code, row, friction.point[i], m, (0.0, 0.0, 0.0), rhs)
-        row = name_row(problem, row, TABLE_KEYS - KINDS * friction.key[i], i, as_int64(0))
+        row = name_row(problem, row, TABLE_KEYS - ROW_KINDS * friction.key[i], i, as_int64(0))
         if friction.has_friction[i] == 1:
             row = contact_rows(states, world, offset, relaxed, i, row)
     joints = row
@@ -438,6 +438,6 @@ def contact_rows(states: States, world: Record, offset: float, relaxed: bool, i:
             rhs = min(rhs, 0.0)
         m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])
         write_row(states, world, contact_code, row, point, m, (w * n[0], w * n[1], w * n[2]), rhs)
-        key = KINDS * friction.key[i] + 1 + k
+        key = ROW_KINDS * friction.key[i] + 1 + k
         row = name_row(world.problem, row, TABLE_KEYS - key if contact_code < 0 else key, i, 1 + k)
     return row

@@ -171,11 +171,11 @@ STRETCH = 20.0
 """Most that a direction is stretched by, where the Lagrangian curves by less than 1 / STRETCH of the coupling."""
 REDUCTION = 1e-4
 """Reduction of the squared residual at which the correction ends: the next linearisation starts from there."""
-ROUNDING = 1.0
+ROUNDING_SHARE = 1.0
 """Share of the program's tolerance by which a row may be violated at the corrected step and still be called kept."""
 SPANNED = 1e-10
 """Squared length of a column's part outside the active rows below which they hold it."""
-FAR = 4.0
+LONGEST_CORRECTED = 4.0
 """Steps longer than this many longest corrections are not corrected beside bodies: they end elsewhere, and the hand
 gets on less."""
 FINGERS = PHALANX_COUNT * FINGER_COUNT
@@ -324,7 +324,7 @@ def correct_program(
     for j in range(n):
         correction[j] *= scale
         end[j] = qp.x[j] + correction[j]
-    fraction = _free_share(k, rows, end[:], ROUNDING * tolerance, qp)
+    fraction = _free_share(k, rows, end[:], ROUNDING_SHARE * tolerance, qp)
     for j in range(n):
         qp.x[j] += fraction * correction[j]
 
@@ -365,7 +365,7 @@ def correct(options: TickOptions, states: States, world: Record, qp: QpWork) -> 
         square = 0.0
         for j in range(n):
             square += qp.x[j] * qp.x[j]
-        bends = bends and square <= (FAR * options.longest_correction) ** 2
+        bends = bends and square <= (LONGEST_CORRECTED * options.longest_correction) ** 2
     if not (bends or (world.curved and still)):
         return as_bool(False)
     root = world.bending_root
