@@ -119,7 +119,7 @@ def recorded_faults(session: Result) -> FaultCounts:
     """Count the faults of a recorded session; NaN for packets that its file does not tell of."""
     early = float(bool(broken_off(session)))
     try:
-        counters = session.told("counters")
+        counters = session.live_json("counters")
     except InputError:
         counters = {}
     malformed, frames = (float(counters.get(name, np.nan)) for name in ("malformed", "frames"))

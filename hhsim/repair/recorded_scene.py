@@ -155,7 +155,7 @@ def recorded_scene(
         rate=1.0 / float(np.median(np.diff(time))),
         object_motion=motion,
     )
-    bodies = bodies.begun(float(time[0]) + recording.first_stamp - began)
+    bodies = bodies.starting_at(float(time[0]) + recording.first_stamp - began)
     scene = Scene((Hand(hand, trajectory, given),), bodies.placed(given, trajectory), {"object_name": bodies.name})
     seen = engine_scene(scene)
     if recording.joints is None:

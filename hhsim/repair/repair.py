@@ -156,7 +156,7 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
     progress("figures", 0, 1)
     rows = field_rows(FieldPair(before, after, force=force, volume_frames=VOLUME_FRAMES))
     # Bodies that go by poses of their own need none of the recording.
-    doubts = (*(() if bodies.drives else unused_poses(recording)), *doubts_of(rows))
+    doubts = (*(() if bodies.recorded_poses else unused_poses(recording)), *doubts_of(rows))
     verdict = field_verdict(rows, request.max_correction, doubts)
     frames = tuple(int(frame) for frame in recorded.frames[marked])
     figures = {f"{row.name}_{when}": getattr(row, when) for row in rows for when in ("before", "after")}

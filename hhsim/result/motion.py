@@ -74,7 +74,7 @@ def _session(result: Result) -> Trajectory:
     used = np.flatnonzero(last & (good == 1))
     if used.size == 0:
         raise TrajectoryError("a session without a good sample of the glove: it holds no motion")
-    device = result.told("device")
+    device = result.live_json("device")
     at = time[used]
     # Whole nanoseconds are subtracted before they become seconds: the clock may have run for weeks.
     ticks, times = 1e-9 * (deadline - at[0]), 1e-9 * (at - at[0])

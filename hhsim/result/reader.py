@@ -90,7 +90,7 @@ class Result:
     score: Mapping[str, float] = field(default_factory=dict, repr=False)  # of a submission: penetration and error [m]
     frame: str = ""  # group of the poses of the frame that hands were solved in; "" where that stands still
     from_object: bool = False  # True if hands and forces are in that frame as it was at the first tick, not the world
-    replaced: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
+    replacements: Mapping[str, AnyArray] = field(default_factory=dict, compare=False)  # instead of those of the file
     _loaded: dict[str, AnyArray] = field(default_factory=dict, compare=False)
 
     def __repr__(self) -> str:
@@ -112,7 +112,7 @@ class Result:
         """True if the method gives something, one of `hhsim.solver.method.EVERYTHING`; hhsim's own give everything."""
         return what in self.scene.get("gives", [what])
 
-    def told(self, name: str) -> dict[str, Any]:
+    def live_json(self, name: str) -> dict[str, Any]:
         """Return the JSON object in an attribute of a session, such as `limits`; raise InputError for anything else."""
         try:
             return _mapping(str((self.live or {})[name]))
@@ -195,8 +195,8 @@ class Result:
 
     def _rows(self, file: h5py.File, name: str, rows: slice) -> AnyArray:
         """Read rows of a dataset with a row a tick, as seen from the object if that is asked for."""
-        if name in self.replaced:
-            return np.asarray(self.replaced[name][rows])
+        if name in self.replacements:
+            return np.asarray(self.replacements[name][rows])
         values = read_numbers(file[self._path_of(name)], rows)
         if not self.from_object:
             return values

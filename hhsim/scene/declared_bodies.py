@@ -65,9 +65,9 @@ class DeclaredBodies:
     meshes: Mapping[str, Mesh]  # of each body but a plane, by its name
     trees: Mapping[str, SphereTree] = field(default_factory=dict)
     # Stamps [s] and poses of the bodies that go by those of a file, as `PoseFile.read`.
-    drives: Mapping[str, tuple[FloatArray, ObjectMotion]] = field(default_factory=dict)
+    recorded_poses: Mapping[str, tuple[FloatArray, ObjectMotion]] = field(default_factory=dict)
     level: int = MESH_LEVEL  # usual one of a tree
-    began: float = 0.0  # time [s] of the motions at the first tick
+    start_time: float = 0.0  # time [s] of the motions at the first tick
 
     @classmethod
     def of_mesh(cls, mesh: Mesh, tree: SphereTree | None = None, level: int = MESH_LEVEL) -> "DeclaredBodies":
@@ -90,44 +90,44 @@ class DeclaredBodies:
     @cached_property
     def mesh(self) -> Mesh:
         """Mesh of the object, named for all bodies, where it begins in the frame of the file [m]."""
-        held = [(self.meshes[body.name], self.begin[body.name]) for body in self.object_bodies]
-        if len(held) > 1:
-            return placed_mesh([mesh for mesh, _ in held], [pose.frame for _, pose in held], self.name)
-        ((mesh, pose),) = held
+        posed = [(self.meshes[body.name], self.first_poses[body.name]) for body in self.object_bodies]
+        if len(posed) > 1:
+            return placed_mesh([mesh for mesh, _ in posed], [pose.frame for _, pose in posed], self.name)
+        ((mesh, pose),) = posed
         return replace(mesh if _is_still(pose) else mesh.transformed(*_place(pose)), name=self.name)
 
     @cached_property
     def tree(self) -> SphereTree:
         """Sphere tree of the object, over the leaves of all of it, where it begins in the frame of the file [m]."""
-        held = [(self.trees[body.name], self.begin[body.name]) for body in self.object_bodies]
+        posed = [(self.trees[body.name], self.first_poses[body.name]) for body in self.object_bodies]
         about: dict[str, Any] = {OF_BODIES: self.name} if len(self.solids) > 1 else {}
-        if len(held) == 1:
-            ((tree, pose),) = held
+        if len(posed) == 1:
+            ((tree, pose),) = posed
             tree = tree if _is_still(pose) else tree.transformed(*_place(pose))
             return replace(tree, options={**tree.options, **about})
-        return joined_tree([tree for tree, _ in held], [pose.frame for _, pose in held], self.name, self.mesh)
+        return joined_tree([tree for tree, _ in posed], [pose.frame for _, pose in posed], self.name, self.mesh)
 
     def with_trees(self, make: Callable[[Mesh], SphereTree]) -> "DeclaredBodies":
         """Return the bodies with their sphere trees, those of equal meshes made once."""
         made = {mesh.sha256: make(mesh) for mesh in {mesh.sha256: mesh for mesh in self.meshes.values()}.values()}
         return replace(self, trees={name: made[mesh.sha256] for name, mesh in self.meshes.items()})
 
-    def begun(self, time: float) -> "DeclaredBodies":
+    def starting_at(self, time: float) -> "DeclaredBodies":
         """Return the bodies as they move from a time [s] on, which becomes 0 s."""
-        return replace(self, began=self.began + time)
+        return replace(self, start_time=self.start_time + time)
 
     def values(self, time: FloatArray) -> dict[str, FloatArray]:
         """Return the values [rad] or [m] of each driven joint at these times [s], (T,), by the name of its body."""
         joints = {body.name: body.joint for body in self.solids if body.joint and body.joint.is_driven}
-        return {name: joint.values(time + self.began) for name, joint in joints.items()}
+        return {name: joint.values(time + self.start_time) for name, joint in joints.items()}
 
-    def path(self, time: FloatArray) -> dict[str, ObjectMotion]:
+    def poses_at(self, time: FloatArray) -> dict[str, ObjectMotion]:
         """Return the poses of each body with a mesh in the frame of the file at these times [s], (T,), by its name.
 
         A free one is where it begins. Poses of equal values of the joints are equal to the bit.
         """
         bodies, known = {body.name: body for body in self.solids}, dict[str, ObjectMotion]()
-        now, steps = time + self.began, (len(time), 1)
+        now, steps = time + self.start_time, (len(time), 1)
 
         def placed(body: BodySettings) -> ObjectMotion:
             if body.name in known:
@@ -137,25 +137,25 @@ class DeclaredBodies:
                 own = joint.poses(place, body.turn, joint.values(now))
             else:
                 own = ObjectMotion(np.tile(place, steps), np.tile(body.turn, steps))
-            if body.name in self.drives:
+            if body.name in self.recorded_poses:
                 # Before the first pose and after the last one it stands.
-                stamps, poses = self.drives[body.name]
+                stamps, poses = self.recorded_poses[body.name]
                 at = np.clip(now, stamps[0], stamps[-1])
                 turns = interpolate_orientation(stamps, poses.orientation, at)
                 own = composed(own, ObjectMotion(interpolate_monotone(stamps, poses.position, at), turns))
             known[body.name] = composed(placed(bodies[body.bearer]), own) if body.bearer else own
             return known[body.name]
 
-        path = {name: placed(body) for name, body in bodies.items()}
-        if self.drives:
-            return path
+        found = {name: placed(body) for name, body in bodies.items()}
+        if self.recorded_poses:
+            return found
         rows = held_rows(np.stack([*self.values(time).values(), np.zeros(len(time))], axis=1))
-        return {name: poses.at(rows) for name, poses in path.items()}
+        return {name: poses.at(rows) for name, poses in found.items()}
 
     @cached_property
-    def begin(self) -> dict[str, ObjectMotion]:
-        """Poses at the first tick, as of `path`."""
-        return self.path(np.zeros(1))
+    def first_poses(self) -> dict[str, ObjectMotion]:
+        """Poses at the first tick, as of `poses_at`."""
+        return self.poses_at(np.zeros(1))
 
     def placed(self, ticks: TickInput, motion: Trajectory) -> tuple[Body | HalfSpace, ...]:
         """Return the bodies in the world at the ticks of a motion, which places the frame of their file, or moves it.
@@ -171,11 +171,11 @@ class DeclaredBodies:
         if frame is None:
             frame = ObjectMotion(np.tile(motion.object_position, steps), np.tile(motion.object_orientation, steps))
         # A body whose frame is the file's goes as the recording has it, without rounding.
-        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in self.path(time).items()}
+        poses = {name: frame if _is_still(own) else composed(frame, own) for name, own in self.poses_at(time).items()}
         found: dict[str, Body | HalfSpace] = {}
         for body in self.solids:
             driven: BodyMotion = Fixed()
-            if moves or body.name in self.drives or body.name in values:
+            if moves or body.name in self.recorded_poses or body.name in values:
                 own = poses[body.name]
                 held = own if moves else own.at(held_rows(np.concatenate(own, axis=1)))
                 driven = Driven(held, values.get(body.name))
@@ -247,14 +247,14 @@ def _is_still(poses: ObjectMotion) -> bool:
 
 def _require_apart(bodies: DeclaredBodies) -> None:
     """Raise InputError for bodies that begin inside each other."""
-    solids = {name: Solid(mesh.transformed(*_place(bodies.begin[name]))) for name, mesh in bodies.meshes.items()}
+    solids = {name: Solid(mesh.transformed(*_place(bodies.first_poses[name]))) for name, mesh in bodies.meshes.items()}
     joined = {frozenset((body.name, body.bearer)) for body in bodies.solids if body.bearer}
-    for (one, solid), (other, its) in combinations(solids.items(), 2):
-        hinged = frozenset((one, other)) in joined
-        most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, its)
+    for (outer, solid), (inner, inner_solid) in combinations(solids.items(), 2):
+        hinged = frozenset((outer, inner)) in joined
+        most, depth = MOST_JOINED_OVERLAP if hinged else MOST_OVERLAP, overlap(solid, inner_solid)
         if depth > most:
             raise InputError(
-                f"body '{other}' begins in body '{one}': a shift of {1e3 * depth:.3g} mm or more takes them apart; "
+                f"body '{inner}' begins in body '{outer}': a shift of {1e3 * depth:.3g} mm or more takes them apart; "
                 f"expected at most {1e3 * most:g} mm of bodies that {'share a joint' if hinged else 'share no joint'}"
             )
 
@@ -270,8 +270,8 @@ def _of_body_file(word: str, motion: object, solid: bool | None) -> DeclaredBodi
         joints |= _moved(joints, motion, {name: name for name in joints})
         settings = BodyFile(tuple(structs.replace(body, joint=joints.get(body.name)) for body in bodies)).body
         meshes = {body.name: _mesh(body, path.parent, solid) for body in settings if body.plane is None}
-        drives = {body.name: body.poses.read(path.parent) for body in settings if body.poses}
-    return DeclaredBodies(path.stem, settings, meshes, drives=drives)
+        recorded_poses = {body.name: body.poses.read(path.parent) for body in settings if body.poses}
+    return DeclaredBodies(path.stem, settings, meshes, recorded_poses=recorded_poses)
 
 
 def _mesh(body: BodySettings, folder: Path, solid: bool | None) -> Mesh:

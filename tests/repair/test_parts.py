@@ -282,5 +282,5 @@ def test_a_skin_is_freed_from_parts_that_move(monkeypatch: pytest.MonkeyPatch) -
 def test_a_thing_begins_at_a_later_time() -> None:
     bodies = load_object("laptop", load_script("close"))
     time = np.linspace(0.0, 2.0, 5)
-    begun, whole = (bodies.begun(0.9).path(time)["lid"], bodies.path(time + 0.9)["lid"])
+    begun, whole = (bodies.starting_at(0.9).poses_at(time)["lid"], bodies.poses_at(time + 0.9)["lid"])
     np.testing.assert_allclose(np.hstack(begun), np.hstack(whole), atol=1e-12)

@@ -100,8 +100,8 @@ def test_a_driven_body_begins_where_its_joint_has_it_and_goes_on_from_there(tmp_
     np.testing.assert_allclose(shift, wanted[:, None] * [0.0, 1.0, 0.0], atol=1e-12)
     assert (wall.motion.poses.orientation == [1.0, 0.0, 0.0, 0.0]).all()
     script = SimpleNamespace(name="", joints=(("wall", ((0.0, 0.0), (1.0, 0.2))),))
-    path = load_object(word, script, solid=False).path(np.array([0.5]))
-    np.testing.assert_allclose(path["wall"].position, [[0.2, 0.1, 0.05]])
+    poses = load_object(word, script, solid=False).poses_at(np.array([0.5]))
+    np.testing.assert_allclose(poses["wall"].position, [[0.2, 0.1, 0.05]])
     with pytest.raises(InputError, match="unknown joint 'lid'"):
         load_object(word, SimpleNamespace(name="", joints=(("lid", ((0.0, 0.0),)),)), solid=False)
 
@@ -112,7 +112,7 @@ def test_a_body_is_driven_by_poses_of_a_file_and_stands_before_and_after(tmp_pat
     rows[:, 1, 0], rows[:, 0, 1] = np.sin(angle), -np.sin(angle)
     rows[:, 0, 3] = 0.2 + 0.1 * angle
     word = recorded(tmp_path, "wall.npy", rows, POSED.replace("[0.2, 0.0, 0.05]", "[0.0, 0.0, 0.05]"))
-    found = load_object(word, solid=False).path(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))["wall"]
+    found = load_object(word, solid=False).poses_at(np.array([-1.0, 0.0, 0.5, 1.0, 9.0]))["wall"]
     np.testing.assert_allclose(found.position, [[x, 0.0, 0.05] for x in (0.2, 0.2, 0.25, 0.3, 0.3)], atol=1e-9)
     turned = 2.0 * np.arctan2(found.orientation[:, 3], found.orientation[:, 0])
     np.testing.assert_allclose(turned, [0.0, 0.0, 0.5, 1.0, 1.0], atol=1e-9)
@@ -366,7 +366,7 @@ def test_poses_are_the_products_of_homogeneous_matrices(
         BodySettings(name="lid", orientation=given_turn, joint=hinge, **given),
         BodySettings(name="base", fixed=True, **given),
     )
-    poses = DeclaredBodies("bodies", bodies, {}).path(np.array([0.0]))
+    poses = DeclaredBodies("bodies", bodies, {}).poses_at(np.array([0.0]))
 
     none, unit, at = Rotation.identity(), np.array(axis) / np.linalg.norm(axis), np.array(position)
     about = transform(none, origin) @ transform(Rotation.from_rotvec(angle * unit)) @ transform(none, -np.array(origin))

@@ -61,7 +61,7 @@ def test_bodies_are_where_the_linkage_has_them_at_each_value(
     moved = _moved(**{name: [(0.0, first), (1.0, last)] for name, (first, last) in ends.items()})
     # Random links may well begin inside each other.
     monkeypatch.setattr(declared_bodies, "_require_apart", lambda bodies: None)
-    poses = load_object(path, moved, solid=False).path(np.array([0.0, 1.0]))
+    poses = load_object(path, moved, solid=False).poses_at(np.array([0.0, 1.0]))
     for row in range(2):
         for name, wanted in places(linkage, {name: values[row] for name, values in ends.items()}).items():
             np.testing.assert_allclose(poses[name].position[row], wanted[:3, 3], atol=1e-9)
