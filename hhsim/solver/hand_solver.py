@@ -188,7 +188,7 @@ class WarmUp(NamedTuple):
 @collector_at_rest()
 def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *, jointed: bool = False) -> WarmUp:
     """Run one tick of a hand far from a small body, fixed, free or driven, with every kernel."""
-    began = time.perf_counter()
+    start = time.perf_counter()
     before = compiled_kernels()
     mesh = Mesh(np.full((3, 3), 100.0) + 0.01 * np.eye(3), np.array([[0, 1, 2]]))
     ball = SphereTree(mesh.vertices[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
@@ -206,7 +206,7 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     penetration(ball_surface.arrays, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
         look_at(solver.workspace.hand, solver.workspace.code, solver.workspace.tick_options, solver.workspace.states)
-    return WarmUp(time.perf_counter() - began, compiled_kernels() > before)
+    return WarmUp(time.perf_counter() - start, compiled_kernels() > before)
 
 
 def distances_of(workspace: TickWorkspace) -> list[float]:

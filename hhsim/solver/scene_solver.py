@@ -183,10 +183,10 @@ class WorldSolver:
         self._spaces = tuple(hand.workspace for hand in hands)
         self._has_free = free is not None
         self.engine = hands[0].free
-        self._two: WorldEngine | None = None
+        self._pair: WorldEngine | None = None
         if len(self.hands) > 1 and (free is not None or keeps_hands_apart(hands[0].options)):
-            self._two = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
-        self._started = self._two is None
+            self._pair = self.engine = WorldEngine(self._spaces[0], free, self._spaces[1], others)
+        self._started = self._pair is None
 
     def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
         """Run one tick for each haptic configuration of the hands; arguments and errors as of `HandSolver.run`.
@@ -199,14 +199,14 @@ class WorldSolver:
         blocks, records = views_of_hands(inputs, record)
         if not inputs.position.shape[1]:
             return tuple(records)
-        begun = [0] * len(blocks) if self._started else self.begin(blocks)
-        if (two := self._two) is None:
+        start_status = [0] * len(blocks) if self._started else self.begin(blocks)
+        if (pair := self._pair) is None:
             status = self.tick(inputs, record)
         else:
             if self._has_free:
-                done = two.run_many(inputs, record)
+                done = pair.run_many(inputs, record)
             else:
-                kernel, arguments = self._call_apart(two, blocks, records)
+                kernel, arguments = self._call_apart(pair, blocks, records)
                 with ExitStack() as stack:
                     for alone in self._alone:
                         stack.enter_context(alone.thread_team.at_work(alone.method))
@@ -214,18 +214,18 @@ class WorldSolver:
             status = int(np.bitwise_or.reduce(record.status[:, done - 1])) if done else 0
         if status & STATUS_CAPACITY_EXCEEDED:
             raise self._spaces[0].full()
-        for written, start in zip(records, begun):
+        for written, start in zip(records, start_status):
             written.status[:1] |= start
         return tuple(records)
 
     def _call_apart(
-        self, two: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
+        self, pair: WorldEngine, haptic: Sequence[HapticBlock], record: Sequence[TickRecord]
     ) -> tuple[Any, tuple[Any, ...]]:
         """Return the kernel of two hands beside each other, and its arguments."""
         from hhsim.kernels.world.side_by_side import run_hands_apart
 
         alone = tuple(engine.method for engine in self._alone)
-        return run_hands_apart, (alone, two.method, tuple(haptic), tuple(record), two.parts_move, two.qp, two.code)
+        return run_hands_apart, (alone, pair.method, tuple(haptic), tuple(record), pair.parts_move, pair.qp, pair.code)
 
     @property
     def object_ticks(self) -> WorldRecord:
@@ -244,13 +244,13 @@ class WorldSolver:
         Those of hands have the hand as the first axis; `bodies` is written where one is free.
         """
         inputs, written = views_of_hands(haptic, record)
-        if self._two is not None and not self._has_free:
-            return self._call_apart(self._two, inputs, written)
+        if self._pair is not None and not self._has_free:
+            return self._call_apart(self._pair, inputs, written)
         first, engine = self.hands[0], self.engine or self.hands[0].world
         if first.method.compiled and engine is None and len(self.hands) == 1:
             return run_block, first.workspace.block(getattr(first.engine, "method", None), inputs[0], written[0])
         engine = engine or WorldEngine(first.workspace)
-        compiled = first.is_compiled and (len(self.hands) == 1 or self._two is not None)
+        compiled = first.is_compiled and (len(self.hands) == 1 or self._pair is not None)
         return engine.call(haptic, record, bodies, compiled)
 
     def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
@@ -265,20 +265,20 @@ class WorldSolver:
 
         The first tick does it if nobody has, and must be given the same input.
         """
-        self._started, two = True, self._two
-        begun = [hand.begin(sample) for hand, sample in zip(self.hands, haptic)]
-        if two is None:
-            return begun
+        self._started, pair = True, self._pair
+        start_status = [hand.begin(sample) for hand, sample in zip(self.hands, haptic)]
+        if pair is None:
+            return start_status
         parted = _part(self._spaces)
         if parted:
-            begun = [start | STATUS_START_INSIDE for start in begun]
+            start_status = [start | STATUS_START_INSIDE for start in start_status]
         # Beside one body alone each hand has come as near as it can.
-        if parted or (any(begun) and self._spaces[0].beside):
-            two.approach(START_LINEARISATIONS)
+        if parted or (any(start_status) and self._spaces[0].beside):
+            pair.approach(START_LINEARISATIONS)
         elif self._has_free:
-            two.begin()
-        two.world.is_near = parted
-        return begun
+            pair.begin()
+        pair.world.is_near = parted
+        return start_status
 
 
 def views_of_hands(haptic: HapticBlock, record: TickRecord) -> tuple[list[HapticBlock], list[TickRecord]]:
@@ -316,11 +316,11 @@ class SceneSolver(WorldSolver):
         self.scene = standing_apart(scene, options.surface)
         self.seen = engine_scene(self.scene)
         self.options = options.at_rate(scene.ticks.rate)
-        kind, free, two = self.options.surface, self.seen.free, len(scene.hands) > 1
+        kind, free = self.options.surface, self.seen.free
         jointed = self.seen.parts is not None and free is None
         if jointed and not find_method(self.options.method).beside_parts:
             require_options(self.options, PARTS)
-        alone = None if two else free
+        alone = free if len(scene.hands) == 1 else None
         self.prepared: tuple[WarmUp, ...] = tuple(
             warm_up(hand.model, self.options, alone, jointed=jointed) for hand in scene.hands
         )
@@ -381,11 +381,11 @@ class OneTick:
         if self.kernel is None:
             self._solver.tick(self.haptic, self.record)
             return
-        begun = []
+        start_status = []
         if not self._begun:
-            begun = self.begin(views_of_hands(self.haptic, self.record)[0])
+            start_status = self.begin(views_of_hands(self.haptic, self.record)[0])
         self._entry(*self.arguments)
-        for h, start in enumerate(begun):
+        for h, start in enumerate(start_status):
             self.record.status[h, 0] |= start
 
     def run(self, haptic: Sequence[HandConfiguration]) -> tuple[TickRecord, ...]:

@@ -155,13 +155,13 @@ def _gather_probe(
     slack = -np.inf
     for k in range(candidates.skin_share[number], len(SKIN_SHARES) + len(NEEDED_SHARES)):
         if k <= last:
-            wanted = needed + SKIN_SHARES[k] * max(reach - needed, 0.0)
+            goal = needed + SKIN_SHARES[k] * max(reach - needed, 0.0)
         else:
-            wanted = NEEDED_SHARES[k - len(SKIN_SHARES)] * needed
+            goal = NEEDED_SHARES[k - len(SKIN_SHARES)] * needed
         most, found = (min(long, capacity), 2 * long) if k < last else (capacity, FOUND_CAPACITY)
-        look_out = LOOK_OUT * wanted if is_far and candidates.own[number] > wanted else wanted
-        candidates.tier_depth[number] = max(wanted / TIERS, NO_DEPTH)
-        slack = list_pieces(surface, probe, most, found, wanted, look_out, candidates, walk)
+        look_out = LOOK_OUT * goal if is_far and candidates.own[number] > goal else goal
+        candidates.tier_depth[number] = max(goal / TIERS, NO_DEPTH)
+        slack = list_pieces(surface, probe, most, found, goal, look_out, candidates, walk)
         if slack > -np.inf:
             pieces = 0
             for kind in range(candidates.tier_end.shape[1]):
@@ -242,9 +242,9 @@ def _measure_probe(surface: Any, probe: Probe, slack: float, enough: float, cand
     ends, measured = candidates.tier_end[number], candidates.measured[number]
     for kind in range(measured.shape[0]):
         measured[kind] = 0
-    least, tier, wanted = np.inf, as_int64(0), needed
+    least, tier, goal = np.inf, as_int64(0), needed
     while True:
-        tier = max(tier + 1, int(min((wanted + moved) / depth, TIERS - 1.0)) + 1)
+        tier = max(tier + 1, int(min((goal + moved) / depth, TIERS - 1.0)) + 1)
         for kind in range(measured.shape[0]):
             first, stop = start + measured[kind], start + ends[kind, tier - 1]
             if first < stop:
@@ -254,7 +254,7 @@ def _measure_probe(surface: Any, probe: Probe, slack: float, enough: float, cand
         left, nearest = tier * depth - moved, min(least, enough)
         if tier == TIERS or (left > needed and left >= nearest):
             return least
-        wanted = max(needed, nearest) if nearest < NOWHERE else needed
+        goal = max(needed, nearest) if nearest < NOWHERE else needed
 
 
 @jit_inline

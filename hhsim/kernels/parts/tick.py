@@ -60,7 +60,7 @@ def _row(parts: PartsMotion) -> int:
 @jit
 def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion, point: Any) -> tuple[int, float]:
     """Return the number of sub-steps of the parts' motion, 0 if none moves, and how far it passes the hand [m]."""
-    row, most, way = _row(parts), 0.0, 0.0
+    row, most, farthest = _row(parts), 0.0, 0.0
     moves = False
     for p in range(parts.path.shape[1]):
         part, goal = parts.part[p], parts.path[row, p]
@@ -86,9 +86,9 @@ def sub_steps(hand: HandArrays, pose: Record, margin: float, parts: PartsMotion,
                     x, y, z = turned(pose.rotation, hand.palm_box[i, 0], hand.palm_box[i, 1], hand.palm_box[i, 2])
                     point[0], point[1], point[2] = x + pose.position[0], y + pose.position[1], z + pose.position[2]
                     passed = max(passed, passing(part, goal, point))
-            way = max(way, passed)
+            farthest = max(farthest, passed)
             most = max(most, passed / max(margin, min(near.slack[body], near.nearest[body])))
-    return max(1, math.ceil(most)) if moves else 0, way
+    return max(1, math.ceil(most)) if moves else 0, farthest
 
 
 @jit
@@ -201,7 +201,7 @@ def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -
     steps, state.progress.carried = sub_steps(method.movers[0], state.pose, options.margin, parts, state.scratch[:])
     if steps == 0 and least_distance(state) >= 0.0:
         return 0
-    state.step.lap = began = monotonic_ns()
+    state.step.lap = start = monotonic_ns()
     radius, fallback, status = trust.radius, state.fallback, 0
     coupled, relaxed = fallback.is_coupled, fallback.is_relaxed
     world.stays, fallback.is_relaxed, fallback.is_coupled = True, True, True
@@ -224,7 +224,7 @@ def _leave_parts(parts: PartsMotion, method: World, state: Record, qp: QpWork) -
         for p in range(parts.path.shape[1]):
             parts.part[p].yields = 0
     duration = state.step.duration
-    duration[DURATION_DETECT] = monotonic_ns() - began - duration[DURATION_PALM]
+    duration[DURATION_DETECT] = monotonic_ns() - start - duration[DURATION_PALM]
     return status
 
 

@@ -215,8 +215,8 @@ def _move_bodies(method: World, fraction: float) -> None:
         body, j = bodies[k], problem.column[k]
         if body.joint > 0:
             # The whole way: what a clipped program leaves out, the next one makes.
-            body.joint_made = along_axis(body, total[j:]) + along_axis(body, delta[j:])
-            body.joint_made += along_axis(body, body.clipped[:])
+            body.joint_motion = along_axis(body, total[j:]) + along_axis(body, delta[j:])
+            body.joint_motion += along_axis(body, body.clipped[:])
     for j in range(variable_count(problem)):
         total[j] += fraction * delta[j]
     for h in range(problem.hands):

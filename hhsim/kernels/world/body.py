@@ -63,8 +63,8 @@ BODY = np.dtype(
         ("joint_axes", np.float64, (3, 3)),  # then, as rows: two directions across the axis, and the axis
         ("limits", np.float64, (2,)),  # of the joint's value since the start [rad] or [m], infinite without
         ("joint_friction", np.float64),  # largest moment [N·m] or force [N] of the joint's friction
-        ("joint_begun", np.float64),  # value of a joint of two free bodies at the start of the tick
-        ("joint_made", np.float64),  # how far a joint is foreseen to move in the tick
+        ("joint_start", np.float64),  # value of a joint of two free bodies at the start of the tick
+        ("joint_motion", np.float64),  # how far a joint is foreseen to move in the tick
         ("damping", np.float64),  # [1/s]
         ("friction", np.float64),  # μ of the hand's contacts
         ("torsion", np.float64),  # torsional moment over normal force of the hand's contacts [m]
@@ -260,14 +260,14 @@ def take_velocity(body: Record) -> None:
         body.left[:] = 0.0
     rate, left, root = 1.0 / body.period, body.left, body.inverse_root
     start, vector = body.start_position, body.vector
-    made, whole = 0.0, 0.0
+    along, square = 0.0, 0.0
     vector[0], vector[1], vector[2] = turned(body.pushed, left[0], left[1], left[2])
     for j in range(3):
         moved = body.position[j] - start[j]
         vector[j] = moved + vector[j]
         if root[j] > 0.0:
-            made += moved * vector[j] / root[j] ** 2
-            whole += vector[j] * vector[j] / root[j] ** 2
+            along += moved * vector[j] / root[j] ** 2
+            square += vector[j] * vector[j] / root[j] ** 2
     x, y, z = vector[0], vector[1], vector[2]
     rotation_vector_between(body.start_orientation[:], body.orientation[:], vector[:])
     a, b, c = turned_back(body.rotation, vector[0], vector[1], vector[2])
@@ -276,9 +276,9 @@ def take_velocity(body: Record) -> None:
         angle = vector[j]
         vector[j] = angle + left[3 + j]
         if root[3 + j] > 0.0:
-            made += angle * vector[j] / root[3 + j] ** 2
-            whole += vector[j] * vector[j] / root[3 + j] ** 2
-    share = min(max(made / whole, 0.0), 1.0) if whole > 0.0 else 1.0
+            along += angle * vector[j] / root[3 + j] ** 2
+            square += vector[j] * vector[j] / root[3 + j] ** 2
+    share = min(max(along / square, 0.0), 1.0) if square > 0.0 else 1.0
     _approach(body.velocity[:], share, rate * x, rate * y, rate * z)
     _approach(body.spin[:], share, rate * vector[0], rate * vector[1], rate * vector[2])
     if body.joint == HINGE:

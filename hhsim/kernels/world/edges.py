@@ -125,12 +125,12 @@ def _is_between(nx: float, ny: float, nz: float, e: Triple, first: Triple, secon
     # Whether n, at right angles to e, lies between two other such vectors, or hardly beyond one.
     ex, ey, ez = e
     (ax, ay, az), (bx, by, bz) = first, second
-    whole = ex * (ay * bz - az * by) + ey * (az * bx - ax * bz) + ez * (ax * by - ay * bx)
+    volume = ex * (ay * bz - az * by) + ey * (az * bx - ax * bz) + ez * (ax * by - ay * bx)
     past_first = ex * (ay * nz - az * ny) + ey * (az * nx - ax * nz) + ez * (ax * ny - ay * nx)
     before_second = ex * (ny * bz - nz * by) + ey * (nz * bx - nx * bz) + ez * (nx * by - ny * bx)
     # More than half a turn away both have the right sign too, but n is on the other side.
     side = nx * (ax + bx) + ny * (ay + by) + nz * (az + bz)
-    sign = 1.0 if whole >= 0.0 else -1.0
+    sign = 1.0 if volume >= 0.0 else -1.0
     return sign * past_first >= -BEYOND_SINE and sign * before_second >= -BEYOND_SINE and side > 0.0
 
 

@@ -232,14 +232,14 @@ def coulomb_dtype(dof: int, frictions: int) -> "np.dtype[Any]":
 def _raise_shift(contact: int, problem: Record, qp: QpWork, share_out: Array) -> None:
     # What a metre of Γ of a contact adds to the solution's coordinates in the basis of its rows.
     column = qp.column
-    begun = False
+    reached = False
     for i in range(qp.counts[0]):
         row = qp.active[i]
         total = 0.0
         if problem.owner[row] == contact and problem.kind[row] > 0:
             total = -qp.inverse_norm[row]
-            begun = True
-        if begun:
+            reached = True
+        if reached:
             for j in range(i):
                 total -= column[i, j] * share_out[j]
             total *= qp.inverse_diagonal[i]

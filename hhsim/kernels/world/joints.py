@@ -67,9 +67,9 @@ def pair_values(body: Record, pose: Record, values_out: Array) -> float:
     ux, uy, uz = axes[2, 0], axes[2, 1], axes[2, 2]
     ax, ay, az = turned(pose.rotation, ux, uy, uz)
     tilt = turned(axes, uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax)
-    begun = body.other
-    begun[0], begun[1], begun[2], begun[3] = 1.0, 0.0, 0.0, 0.0
-    rotation_vector_between(begun[:], pose.orientation[:], scratch[:])
+    start = body.other
+    start[0], start[1], start[2], start[3] = 1.0, 0.0, 0.0, 0.0
+    rotation_vector_between(start[:], pose.orientation[:], scratch[:])
     turn = turned(axes, scratch[0], scratch[1], scratch[2])
     values_out[3], values_out[4], values_out[5] = tilt[0], tilt[1], turn[2]
     free = free_value(body)
@@ -87,12 +87,12 @@ def free_value(body: Record) -> int:
 
 
 @jit
-def _since_begun(body: Record, value: float) -> float:
+def _change_of(body: Record, value: float) -> float:
     # Change of the free value in the tick, over the half turn at which a hinge's begins again.
-    made = value - body.joint_begun
-    if body.pair_joint == HINGE and abs(made) > math.pi:
-        made -= math.copysign(2.0 * math.pi, made)
-    return made
+    change = value - body.joint_start
+    if body.pair_joint == HINGE and abs(change) > math.pi:
+        change -= math.copysign(2.0 * math.pi, change)
+    return change
 
 
 @jit
@@ -101,12 +101,12 @@ def begin_joints(states: States, world: Record) -> None:
     values = world.problem.scratch
     for k in range(world.problem.bodies):
         body = world.bodies[k]
-        body.joint_made = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
+        body.joint_motion = body.period * (body.spin[2] if body.joint == HINGE else along_axis(body, body.velocity))
         if body.pair_joint > 0:
             pair_values(body, states[body.pair].pose, values[:])
             value = values[free_value(body)]
-            body.joint_made = _since_begun(body, value)
-            body.joint_begun = value
+            body.joint_motion = _change_of(body, value)
+            body.joint_start = value
 
 
 @jit
@@ -127,7 +127,7 @@ def _pair_rows(states: States, world: Record, k: int, relaxed: bool, row: int) -
         along = 1.0 if i < 3 else 0.0
         e = axes[i % 3]
         x, y, z = sign * e[0], sign * e[1], sign * e[2]
-        rhs = -sign * _since_begun(body, values[i]) if of_friction else sign * (limit - values[i])
+        rhs = -sign * _change_of(body, values[i]) if of_friction else sign * (limit - values[i])
         m, w = (along * x, along * y, along * z), ((1.0 - along) * x, (1.0 - along) * y, (1.0 - along) * z)
         write_row(states, world, contact_code, row, center[:], m, w, min(rhs, 0.0) if relaxed else rhs)
         if of_friction:
@@ -158,7 +158,7 @@ def joint_rows(states: States, world: Record, relaxed: bool, row: int) -> int:
             row = _pair_rows(states, world, as_int64(k), relaxed, row)
         if body.joint == 0 or not has_joint_rows(body):
             continue
-        value, made = joint_value(body), along_axis(body, problem.total[column : column + OBJECT_DOF])
+        value, moved = joint_value(body), along_axis(body, problem.total[column : column + OBJECT_DOF])
         own = column + (5 if body.joint == HINGE else 0)
         for r in range(JOINT_ROWS):
             sign = 1.0 if r % 2 == 0 else -1.0
@@ -173,7 +173,7 @@ def joint_rows(states: States, world: Record, relaxed: bool, row: int) -> int:
             problem.common[own, row] = sign * body.inverse_root[own - column]
             if of_friction:
                 problem.common[slack_column(body, problem, k), row] = math.sqrt(SLACK_OFFSET / body.joint_friction)
-                problem.rhs[row] = -sign * made
+                problem.rhs[row] = -sign * moved
             else:
                 problem.rhs[row] = sign * (limit - value)
             row = name_row(problem, row, JOINT_KEYS - PAIR_JOINT_ROWS * k - r, as_int64(-1), as_int64(0))

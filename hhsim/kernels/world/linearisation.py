@@ -266,8 +266,8 @@ def _clip_target(method: World, only_restore: bool, state: Record) -> tuple[floa
     for h in range(problem.hands):
         for j in range(DOF):
             # Where nothing else moves a part of the target brings a part of the forces (`kernels.tick.step`).
-            made = problem.delta[hand_column(problem, h, j)]
-            problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else made)
+            step = problem.delta[hand_column(problem, h, j)]
+            problem.hand_target[DOF * h + j] -= off * (problem.hand_target[DOF * h + j] if still else step)
         for f in range(FINGER_COUNT):
             method.states[h].problem.abduction_step[f] *= fraction
     ask_bodies(method, STAGE.CLIP_TARGETS, fraction)
@@ -316,8 +316,8 @@ def solve_linearisation(method: World, done: int, state: Record, qp: QpWork) -> 
         full_motion, share = _clip_target(method, only_restores(method.options, state, done), state)
         if full_motion != WHOLE_TARGET:
             status = solve_with_pairs(method, count, as_bool(True), state, qp)
-            two = hands > 1 and not is_still(world.problem)
-            if status == OPTIMAL and two and allowed_share(method)[0] < LEAST_SHARE:
+            two_hands = hands > 1 and not is_still(world.problem)
+            if status == OPTIMAL and two_hands and allowed_share(method)[0] < LEAST_SHARE:
                 # A contact that is reached with the whole step has no load on a part of the way: what it bore would
                 # draw the hand all the way there, and a small share of that mends no clearance.
                 _write_anew(method, state)

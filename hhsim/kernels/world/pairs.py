@@ -133,15 +133,15 @@ def _to_world(body: Record, joints: Array, joints_out: Array) -> None:
 @jit
 def _carried(body: Record, joints: Array) -> float:
     """Return how far a body's motion in this tick takes the farthest of these joints along, world [m]."""
-    turn, place, begun, farthest = body.vector, body.position, body.start_position, 0.0
+    turn, place, start, farthest = body.vector, body.position, body.start_position, 0.0
     rotation_vector_between(body.start_orientation[:], body.orientation[:], turn[:])
     for f in range(FINGER_COUNT):
         for k in range(PHALANX_COUNT + 1):
             joint = joints[f, k]
-            x, y, z = joint[0] - begun[0], joint[1] - begun[1], joint[2] - begun[2]
-            vx = place[0] - begun[0] + turn[1] * z - turn[2] * y
-            vy = place[1] - begun[1] + turn[2] * x - turn[0] * z
-            vz = place[2] - begun[2] + turn[0] * y - turn[1] * x
+            x, y, z = joint[0] - start[0], joint[1] - start[1], joint[2] - start[2]
+            vx = place[0] - start[0] + turn[1] * z - turn[2] * y
+            vy = place[1] - start[1] + turn[2] * x - turn[0] * z
+            vz = place[2] - start[2] + turn[0] * y - turn[1] * x
             farthest = max(farthest, vx * vx + vy * vy + vz * vz)
     return math.sqrt(farthest)
 
@@ -199,8 +199,8 @@ def damped_target(world: Record, h: int, first: int, stop: int) -> None:
         return
     target = problem.hand_target
     for j in range(first, stop):
-        made = problem.total[hand_column(problem, h, j)]
-        target[DOF * h + j] = (target[DOF * h + j] - damping * made) / (1.0 + damping)
+        moved = problem.total[hand_column(problem, h, j)]
+        target[DOF * h + j] = (target[DOF * h + j] - damping * moved) / (1.0 + damping)
 
 
 @jit_noinline
@@ -226,10 +226,10 @@ def beyond_bound(states: States, world: Record) -> float:
                 continue
             bound += IN_THE_AIR * each.progress.behind
         _to_world(world.bodies[0], each.pose.joints, world.joints)
-        way = farthest_joint(world.joints, each.progress.start) / bound
-        if way > 1.0:
+        ratio = farthest_joint(world.joints, each.progress.start) / bound
+        if ratio > 1.0:
             each.progress.snaps = True
-        worst = max(worst, way)
+        worst = max(worst, ratio)
     return worst
 
 

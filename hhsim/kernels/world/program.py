@@ -74,18 +74,16 @@ def _guess(problem: Record, loaded: Record, pairs: Record) -> int:
         if JOINT_KEYS < loaded_key[i] <= HAND_CONTACT_KEYS:
             continue
         found = as_bool(row < problem.rows and key[row] == loaded_key[i])
-        if found:
-            loaded.guess[filled] = row
-            filled += 1
         for g in range(problem.groups):
             if found:
                 break
             for row in range(start[g], stop[g]):
                 if key[row] == loaded_key[i]:
-                    loaded.guess[filled] = row
-                    filled += 1
-                    found = True
+                    found = as_bool(True)
                     break
+        if found:
+            loaded.guess[filled] = row
+            filled += 1
     return guess_dense(problem, pairs, loaded, filled)
 
 
@@ -109,7 +107,7 @@ def scale_target(world: Record) -> None:
             target[column + 1] = target[column + 2] = 0.0
         if body.joint_friction > 0.0:
             far = math.sqrt(SLACK_OFFSET * body.joint_friction)
-            target[slack_column(body, problem, as_int64(k))] = (abs(body.joint_made) / SLACK_OFFSET - 1.0) * far
+            target[slack_column(body, problem, as_int64(k))] = (abs(body.joint_motion) / SLACK_OFFSET - 1.0) * far
 
 
 @jit
@@ -139,19 +137,19 @@ def take_steps(states: States, bodies: Record, fraction: float, problem: Record)
     Relative motion is not proportional to the share. For a share below 1 the step is therefore divided by it, so that
     `fraction` of the step ends where both are after that share of theirs; the fingers' part stays as it was.
     """
-    delta, way, palm_step = problem.delta, problem.whole, problem.scratch
+    delta, part, palm_step = problem.delta, problem.whole, problem.scratch
     for j in range(common_count(problem)):
-        way[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
+        part[j] = delta[j] if fraction == 1.0 else fraction * delta[j]
     for p in range(problem.pairs):
         number, other, step, pose = problem.body[p], problem.other[p], states[p].step, states[p].pose
         column, hand = problem.column[number], problem.hand[p]
-        own = way[column : column + OBJECT_DOF]
+        own = part[column : column + OBJECT_DOF]
         if other >= 0:
             first = problem.column[other]
-            as_other_moves(bodies[other], pose.rotation[:], way[first : first + OBJECT_DOF], palm_step[:])
+            as_other_moves(bodies[other], pose.rotation[:], part[first : first + OBJECT_DOF], palm_step[:])
         else:
             for j in range(6):
-                palm_step[j] = way[problem.palm[hand] + j]
+                palm_step[j] = part[problem.palm[hand] + j]
             if number > 0:
                 for j in (0, 3):
                     x, y, z = turned(problem.turn[p], palm_step[j], palm_step[j + 1], palm_step[j + 2])
@@ -178,8 +176,8 @@ def read_step(bodies: Record, problem: Record, qp: QpWork) -> None:
         for j in range(OBJECT_DOF):
             delta[column + j] = qp.x[column + j] * body.inverse_root[j]
         if body.joint == SLIDER:
-            made, axis = delta[column], body.axes[2]
-            delta[column], delta[column + 1], delta[column + 2] = made * axis[0], made * axis[1], made * axis[2]
+            way, axis = delta[column], body.axes[2]
+            delta[column], delta[column + 1], delta[column + 2] = way * axis[0], way * axis[1], way * axis[2]
 
 
 @jit
@@ -287,12 +285,12 @@ def _keep_friction(offset: float, world: Record) -> None:
 def clip_shifts(fraction: float, friction: Record) -> None:
     """Γ for a step of which the hand goes a fraction of its way past the object."""
     for i in range(friction.count):
-        begun = friction.start_spin[i] ** 2
+        start_slip = friction.start_spin[i] ** 2
         for j in range(3):
-            begun += friction.start[i, j] ** 2
-        begun = math.sqrt(begun)
-        if friction.shift[i] > begun:
-            friction.shift[i] = begun + fraction * (friction.shift[i] - begun)
+            start_slip += friction.start[i, j] ** 2
+        start_slip = math.sqrt(start_slip)
+        if friction.shift[i] > start_slip:
+            friction.shift[i] = start_slip + fraction * (friction.shift[i] - start_slip)
 
 
 @jit

@@ -23,7 +23,7 @@ FREE_SHARE = 0.8
 
 
 @jit
-def restore_pose(state: Record) -> None:
+def restore(state: Record) -> None:
     """Return to the last configuration without penetration."""
     copy_configuration(state.safe, state.pose)
     state.progress.differs_from_safe = False
@@ -51,7 +51,7 @@ def take_free_share(method: World, state: Record) -> bool:
     A hand that is faster than the tick's work would else stand still in every other tick. The pose is evaluated in
     either case.
     """
-    restore_pose(state)
+    restore(state)
     first = state.first_step
     if first.free_share >= LEAST_TRUST:
         move(state.pose, first.delta, first.abduction, first.free_share)
@@ -126,6 +126,6 @@ def forget_prediction(method: World, state: Record) -> bool:
         return False
     state.prediction.is_predicted = False
     state.progress.snaps = False
-    restore_pose(state)
+    restore(state)
     measure(method)
     return True

@@ -27,7 +27,7 @@ import numpy as np
 from hhsim.kernels.contact.hand_pairs import HAND_PAIR_ROWS
 from hhsim.kernels.contact.linearise import LIMIT_ROWS, ROW_CAPACITY
 from hhsim.kernels.hand.kinematics import BODY_COUNT, DOF, FINGER_COUNT, PALM_BODY, PHALANX_COUNT
-from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit, jit_inline
+from hhsim.kernels.jit import Array, Record, Triple, as_bool, as_int64, jit, jit_inline
 from hhsim.kernels.world.body import OBJECT_DOF
 from hhsim.kernels.world.columns import (
     ROW_KINDS,
@@ -235,6 +235,14 @@ def find_frictions(world: Record, contacts: Record, close: float) -> None:
     friction.count = count
 
 
+@jit_inline
+def any_tangent(nx: float, ny: float, nz: float) -> Triple:
+    """Return a unit vector at right angles to a unit normal."""
+    x, y, z = (0.0, nz, -ny) if abs(nx) < 0.7 else (-nz, 0.0, nx)
+    scale = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return x * scale, y * scale, z * scale
+
+
 @jit
 def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) -> bool:
     """Turn a contact's directions: e_1 along a tangential vector and a spin about the normal; False if both are 0."""
@@ -251,12 +259,7 @@ def orient(friction: Record, i: int, x: float, y: float, z: float, spin: float) 
     else:
         # Any direction along the surface is as good.
         flat = 0.0
-        if abs(nx) < 0.7:
-            tx, ty, tz = 0.0, nz, -ny
-        else:
-            tx, ty, tz = -nz, 0.0, nx
-        scale = 1.0 / math.sqrt(tx * tx + ty * ty + tz * tz)
-        tx, ty, tz = tx * scale, ty * scale, tz * scale
+        tx, ty, tz = any_tangent(nx, ny, nz)
     c, w = flat / length, spin / length
     along, about = friction.along, friction.about
     along[i, 0, 0], along[i, 0, 1], along[i, 0, 2], about[i, 0] = c * tx, c * ty, c * tz, w
@@ -432,8 +435,8 @@ def contact_rows(states: States, world: Record, offset: float, relaxed: bool, i:
         sign = 1.0 if k < DIRECTIONS else -1.0
         t, w = friction.along[i, e], -sign * radius * friction.about[i, e]
         push = sign * mu
-        begun = start[0] * t[0] + start[1] * t[1] + start[2] * t[2] + friction.start_spin[i] * friction.about[i, e]
-        rhs = offset - d - friction.shift[i] + sign * begun
+        start_slip = start[0] * t[0] + start[1] * t[1] + start[2] * t[2] + friction.start_spin[i] * friction.about[i, e]
+        rhs = offset - d - friction.shift[i] + sign * start_slip
         if relaxed and d >= 0.0:
             rhs = min(rhs, 0.0)
         m = (n[0] - push * t[0], n[1] - push * t[1], n[2] - push * t[2])

@@ -100,7 +100,7 @@ def run_hands_apart(
     """
     world, states = method.world[0], method.states
     for i in range(haptic[0].position.shape[0]):
-        began, cpu = monotonic_ns(), _cpu_of_both(states)
+        start, cpu = monotonic_ns(), _cpu_of_both(states)
         by_itself = parts_move or not world.is_near
         for h in range(2):
             if by_itself:
@@ -126,7 +126,7 @@ def run_hands_apart(
             call_code(code, (method, qp, as_int64(MEASURE)))
             world.hand_pairs.count = 0
         _tick_of_both(alone, method, parts_move, qp, code)
-        wall, cpu = monotonic_ns() - began, _cpu_of_both(states) - cpu
+        wall, cpu = monotonic_ns() - start, _cpu_of_both(states) - cpu
         for h in range(2):
             record_tick(states[h], record[h].status[i] | world.status[h], wall, cpu, i, record[h])
         if (world.status[0] | world.status[1]) & STATUS_CAPACITY_EXCEEDED:

@@ -9,7 +9,7 @@ from hhsim.kernels.contact.linearise import FEWEST, move_contact
 from hhsim.kernels.jit import Array, Record, as_bool, as_int64, jit
 from hhsim.kernels.rotation import turned_back
 from hhsim.kernels.world.body import Support
-from hhsim.kernels.world.rows import ENTRIES, NEAR_POINTS, PAIR_KEYS
+from hhsim.kernels.world.rows import ENTRIES, NEAR_POINTS, PAIR_KEYS, any_tangent
 
 SLOPES = (0.0, 0.002, 0.03)
 """Planes of these slopes, in eight directions, choose the points that may touch the table in this step."""
@@ -137,12 +137,7 @@ def keep_lowest(contacts: Record, open_distance: Array, friction: Record) -> Non
                     friction.near_point[j, found] = point[j, i]
                 found += 1
         along, across = friction.plane[0], friction.plane[1]
-        if abs(nx) < 0.7:
-            x, y, z = 0.0, nz, -ny
-        else:
-            x, y, z = -nz, 0.0, nx
-        scale = 1.0 / math.sqrt(x * x + y * y + z * z)
-        along[0], along[1], along[2] = scale * x, scale * y, scale * z
+        along[0], along[1], along[2] = any_tangent(nx, ny, nz)
         across[0] = ny * along[2] - nz * along[1]
         across[1] = nz * along[0] - nx * along[2]
         across[2] = nx * along[1] - ny * along[0]

@@ -62,13 +62,7 @@ from hhsim.kernels.world.hand_contact import add_hand_contact_forces
 from hhsim.kernels.world.linearisation import allowed_share, prepare, solve_linearisation, solve_with_pairs
 from hhsim.kernels.world.pairs import STAGE, World, ask_bodies, measure, mover_of, rebuild, surface_at
 from hhsim.kernels.world.record import WorldRecord
-from hhsim.kernels.world.restoration import (
-    forget_prediction,
-    keep_first_step,
-    predict_pose,
-    restore_pose,
-    take_free_share,
-)
+from hhsim.kernels.world.restoration import forget_prediction, keep_first_step, predict_pose, restore, take_free_share
 
 STILL = 2e-3
 """Motion of a hand in the last tick, in offsets, up to which the first program of the next one is flat."""
@@ -87,7 +81,7 @@ def _restore_poses(method: World) -> None:
     """Return to the last poses without penetration."""
     world = method.world[0]
     for p in range(world.problem.pairs):
-        restore_pose(method.states[p])
+        restore(method.states[p])
         method.states[p].progress.failed_steps = 0
     ask_bodies(method, STAGE.RESTORE_POSES, 0.0)
 
@@ -245,7 +239,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
     """
     world, step = method.world[0], state.step
     lap(DURATION_DETECT, state)
-    began = step.lap
+    start = step.lap
     problem, relaxed, holds = world.problem, state.fallback.is_relaxed, state.fallback.holds_abduction
     iterations, coupled, duration = step.iterations, state.fallback.is_coupled, step.duration
     palm, fingers, detect = duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT]
@@ -269,7 +263,7 @@ def settle_forces(method: World, near: float, state: Record, qp: QpWork) -> bool
         method.states[h].fallback.is_relaxed, method.states[h].fallback.holds_abduction = relaxed, holds
     pairs.within[OWN], pairs.within[CROSS], state.fallback.is_coupled = within[OWN], within[CROSS], coupled
     duration[DURATION_PALM], duration[DURATION_FINGERS], duration[DURATION_DETECT] = palm, fingers, detect
-    duration[DURATION_FORCE] += step.lap - began
+    duration[DURATION_FORCE] += step.lap - start
     step.iterations = iterations
     return as_bool(count >= 0)
 
