@@ -442,12 +442,11 @@ def test_a_figure_has_one_limit_for_all_methods_or_is_not_promised() -> None:
     free = {name: metric.judged for name, metric in judged_metrics().items() if metric.free_only}
     limited_ones = {name: by.limit for name, by in free.items() if by is not None and by.limit is not None}
     usual = {**usual_limits("replay", default_suite().limits), **limited_ones}
-    lacks = {"coupled": set(), "progressive": {"tracking_excess"}}
-    neither = {"tracking_excess", "penetration_max", "free_off_max"}
-    for method in METHODS:
-        limits = default_limits(METHODS[method].promises)
+    figures = dict(zip(PROMISES, ("penetration_max", "tracking_excess", "free_off_max"), strict=True))
+    for method in METHODS.values():
+        limits = default_limits(method.promises)
         assert all(limits[name] == usual[name] for name in limits)
-        assert usual.keys() - limits.keys() == lacks.get(method, neither)
+        assert usual.keys() - limits.keys() == {figures[lacked] for lacked in {*PROMISES} - method.promises}
     assert default_limits(PROMISES) == usual
     promises = {metric.judged.promise for metric in judged_metrics().values() if metric.judged} - {""}
     assert promises == {*PROMISES}

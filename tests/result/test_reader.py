@@ -353,7 +353,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], str]] = {
     "text": (lambda path: path.write_text("time,x,y,z\n"), "is no HDF5 file"),
     "cut": (lambda path: os.truncate(path, path.stat().st_size // 2), "a damaged HDF5 file: cut short"),
     "empty": (lambda path: os.truncate(path, 0), "is no HDF5 file"),
-    "newer": (of_schema(schema.SCHEMA_VERSION + 1), r"newer hhsim \(schema 8"),
+    "newer": (of_schema(schema.SCHEMA_VERSION + 1), rf"newer hhsim \(schema {schema.SCHEMA_VERSION + 1}"),
     **{
         f"schema {version}": (
             of_schema(version),
