@@ -23,7 +23,7 @@ from hhsim.metrics.session_faults import SESSION_FAULTS, SESSION_TIMES
 from hhsim.replay.run_inputs import RunInputs, run_inputs, tick_digest
 from hhsim.replay.summary_table import default_limits, stored_promises
 from hhsim.result.reader import Result
-from hhsim.result.schema import CONTACT_COLUMNS, TICK_COLUMNS
+from hhsim.result.schema import CONTACT_COLUMNS, TICK_COLUMNS, Column
 from hhsim.solver.method import EVERYTHING, WORK
 from hhsim.submissions.score import MESH_DEPTH, OFF_BEST, OFF_BEST_MAX
 
@@ -39,9 +39,6 @@ COUNTERS: dict[str, tuple[str, Figure]] = {
 
 UNITS_OF_WORK = "work/units"
 """Dataset of the only counter of a method from outside."""
-
-UNDEFINED_AT_TIMES = ("haptic/", "penetration_finger", "force_variation_", "table_distance", "force/fingertip_normal")
-"""Begins of the names of datasets that may hold what is no number, such as what a method from outside does not give."""
 
 OF_SESSIONS = frozenset(figure.name for figure in (*SESSION_TIMES, *SESSION_FAULTS))
 """Figures of recorded sessions only."""
@@ -113,7 +110,7 @@ def run_figures(result: Result) -> RunFigures:
     gives = {what for what in EVERYTHING if result.gives(what)}
     known = _known_columns(result)
     # The number of near pairs follows from the pose; it is work only for hhsim's methods.
-    own = known if WORK in gives else known.intersection((UNITS_OF_WORK,))
+    own = known.keys() if WORK in gives else known.keys() & {UNITS_OF_WORK}
     counters = {name: int(np.sum(result[dataset])) for name, (dataset, _) in COUNTERS.items() if dataset in own}
     told = known_figures(gives) if result.live is None else known_figures(gives) | OF_SESSIONS
     ticks, judged = result_ticks(result, _ComputedAnew(result)), compared_metrics()
@@ -134,24 +131,20 @@ def run_figures(result: Result) -> RunFigures:
     return RunFigures(*of_run, digest=digest, unsound=unsound)
 
 
-def _known_columns(result: Result) -> set[str]:
-    """Names of the hand's datasets that the method gives."""
-    return {column.name for column in TICK_COLUMNS if not column.known_by or result.gives(column.known_by)}
+def _known_columns(result: Result) -> dict[str, Column]:
+    """The hand's columns that the method gives, by name."""
+    return {column.name: column for column in TICK_COLUMNS if not column.known_by or result.gives(column.known_by)}
 
 
 def _not_finite(result: Result) -> str:
     """Return in words which datasets hold what is no number, though a run's are finite; "" for none."""
-    tables: dict[str, Mapping[str, AnyArray]] = {"": {name: result[name] for name in _known_columns(result)}}
+    found = {name: (column, result[name]) for name, column in _known_columns(result).items()}
     for body in result.bodies.values():
-        tables[f"{body.group}/"] = {column.name: body[column.name] for column in body.columns}
+        found |= {f"{body.group}/{column.name}": (column, body[column.name]) for column in body.columns}
     if result.body.is_free:
-        tables["contact/"] = {column.name: result[f"contact/{column.name}"] for column in CONTACT_COLUMNS}
-    wrong = [
-        f"{group}{name}"
-        for group, columns in tables.items()
-        for name, values in columns.items()
-        if not name.startswith(UNDEFINED_AT_TIMES) and not np.isfinite(values).all()
-    ]
+        found |= {(name := f"contact/{column.name}"): (column, result[name]) for column in CONTACT_COLUMNS}
+    sure = ((name, values) for name, (column, values) in found.items() if not column.may_be_undefined)
+    wrong = [name for name, values in sure if not np.isfinite(values).all()]
     return f"not finite: {', '.join(sorted(wrong))}" if wrong else ""
 
 

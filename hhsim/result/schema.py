@@ -69,6 +69,11 @@ class Column:
         """Quantity that a method must give for it, of `hhsim.solver.method.EVERYTHING`; "" where it is measured."""
         return next((what for beginning, what in _KNOWN_BY.items() if self.name.startswith(beginning)), "")
 
+    @property
+    def may_be_undefined(self) -> bool:
+        """True if a sound run may hold NaN or infinity in it, as its description says."""
+        return "NaN" in self.long_name or "infinite" in self.long_name
+
     def taken(self, record: Mapping[str, NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
         """Rows of the column from the fields of records by name; first axis the record."""
         field, _, part = self.source.partition(".")
@@ -108,13 +113,13 @@ TICK_COLUMNS = _columns("""
         full, 32 abduction held, 64 no place, 128 snap | status
     lag                    | -     | f8 | m     | distance that the hand still had to go when the tick's budget ended
         | lag
-    haptic/position        | 3     | f8 | m     | palm centre of the haptic (measured) hand, world | haptic_position
-    haptic/orientation     | 4     | f8 | 1     | palm orientation of the haptic (measured) hand, unit quaternion w x y
-        z | haptic_orientation
-    haptic/flexion         | 5 3   | f8 | rad   | flexion of the haptic (measured) hand, finger by joint, positive
-        curls | haptic_flexion
-    haptic/abduction       | 5     | f8 | rad   | abduction of the haptic (measured) hand, positive towards the thumb
-        side | haptic_abduction
+    haptic/position        | 3     | f8 | m     | palm centre of the haptic hand, world; NaN: none | haptic_position
+    haptic/orientation     | 4     | f8 | 1     | palm orientation of the haptic hand, unit quaternion w x y z; NaN:
+        none | haptic_orientation
+    haptic/flexion         | 5 3   | f8 | rad   | flexion of the haptic hand, finger by joint, positive curls; NaN: none
+        | haptic_flexion
+    haptic/abduction       | 5     | f8 | rad   | abduction of the haptic hand, positive towards the thumb side; NaN:
+        none | haptic_abduction
     graphic/position       | 3     | f8 | m     | palm centre of the graphic (shown) hand, world | position
     graphic/orientation    | 4     | f8 | 1     | palm orientation of the graphic (shown) hand, unit quaternion w x y z
         | orientation
@@ -128,7 +133,7 @@ TICK_COLUMNS = _columns("""
     penetration_palm       | -     | f8 | m     | deepest penetration of the palm
     penetration_finger     | 5     | f8 | m     | deepest penetration of each finger; NaN: not modelled
     force/phalanx          | 5 3 3 | f8 | N     | contact force on each phalanx, finger by phalanx, world | phalanx
-    force/fingertip_normal | 5 3   | f8 | N     | normal force at each fingertip, world | fingertip_normal
+    force/fingertip_normal | 5 3   | f8 | N     | normal force at each fingertip, world; NaN: none | fingertip_normal
     force/palm_wrench      | 6     | f8 | N,N·m | coupling force (first three) and moment about the palm centre (Eq.
         1), world; of method paper that of each Euler angle of the palm
         | palm_wrench
