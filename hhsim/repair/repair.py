@@ -51,9 +51,9 @@ from hhsim.repair.written_hand import WrittenHand, change_between
 from hhsim.replay.replay import replay_scene
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
+from hhsim.scene.engine_scene import seen_hand
 from hhsim.solver.method import SUBMITTED, known_for_now
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_hand
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically

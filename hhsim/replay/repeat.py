@@ -15,8 +15,9 @@ from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.replay.tick_rows import SceneRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
+from hhsim.scene.engine_scene import seen_hand
 from hhsim.solver.method import METHODS, find_method
-from hhsim.solver.scene_solver import OneTick, SceneSolver, seen_hand
+from hhsim.solver.solver import OneTick, SceneSolver
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -188,7 +189,7 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
         rows = SceneRows(solver.seen, models, solver.surfaces, solver.options, list(result.bodies))
         every = zip(hands[0].blocks(of_bodies), *(hand.blocks(names) for hand in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
-        run = OneTick(solver).run if hands[0].live is not None else lambda haptic: solver.run(*haptic)
+        run = solver.solve if hands[0].live is None else OneTick(solver).run
         for first, blocks in zip(range(0, total, CHUNK_TICKS), every):
             report("ticks", first, total)
             bodies, *given = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
@@ -196,10 +197,10 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
             haptic = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in given
             ]
-            records = run([seen_hand(hand, rows.carried(ticks)) for hand in haptic])
+            records = run(*(seen_hand(hand, rows.carried(ticks)) for hand in haptic))
             numbers = [block["input_seq"] for block in given]
             of_hands = [*zip(numbers, haptic, records, strict=True)]
-            computed = rows.block(ticks, given[0]["time"], of_hands, solver.free_ticks, first)[1]
+            computed = rows.block(ticks, given[0]["time"], of_hands, solver.all_ticks, first)[1]
             stored = {f"{schema.HANDS}/{hand.side}/{schema.TICK}": block for hand, block in zip(models, given)}
             for group, compared in arrays.items():
                 if group == schema.CONTACT:

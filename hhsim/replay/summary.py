@@ -30,6 +30,7 @@ from hhsim.metrics.run.registry import known_figures, needed_columns, run_metric
 from hhsim.metrics.run_ticks import FreeRun, RunTicks
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
+from hhsim.replay.reference import reference_excess
 from hhsim.replay.stored_scene import STILL, describe_scene
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tick_rows import Columns, KeptColumns
@@ -38,10 +39,9 @@ from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.hand_solver import HandSolver, WarmUp, reference_excess
 from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS, find_method
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import HandSolver, SceneSolver, WarmUp
 from hhsim.system.counted import counted
 from hhsim.trees.options import MOST_LEVEL
 
@@ -144,7 +144,7 @@ class HandRun:
         self.solver, self.hand, self._first_body = solver, hand, next(iter(bodies))
         scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
         self.model = of_hand.model
-        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
+        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.method
         of_method: dict[str, Any] = {}
         if options.method not in METHODS:
             of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}

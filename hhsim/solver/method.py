@@ -24,6 +24,7 @@ from hhsim.registry import Registry, declared
 if TYPE_CHECKING:
     from hhsim.kernels.contact.surface import Surface
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.kernels.world.record import WorldRecord
 
 FORCES, WORK, UNITS, TIMES, STATUS, RUNS = "forces", "work", "units", "times", "status", "runs"
 EVERYTHING = frozenset((FORCES, WORK, UNITS, TIMES, STATUS, RUNS))
@@ -38,15 +39,16 @@ USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3
 
 
 class Engine(Protocol):
-    """Runs the ticks of one method for one hand and one object."""
+    """Runs the ticks of one program: of a method for a hand alone, or of all hands and what moves freely."""
 
     def begin(self) -> None:
-        """Continue from the graphic hand in the workspace; HhsimError if more pairs are near than the arrays hold."""
+        """Continue from the graphic hands in the workspaces; HhsimError if more pairs are near than the arrays hold."""
 
-    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
-        """Run one tick for each row of the haptic input; return the ticks done.
+    def run(self, haptic: "HapticBlock", record: "TickRecord", bodies: "WorldRecord") -> int:
+        """Run one tick for each row of the haptic input, after the hand the second axis; return the ticks done.
 
-        They are fewer than the rows only where the pairs of the last one did not fit, as its status says.
+        They are fewer than the rows only where the pairs of the last one did not fit, as its status says. `bodies` is
+        written where one is free.
         """
 
 

@@ -21,6 +21,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.kernels.world.record import WorldRecord
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.workspace import TickWorkspace
 
@@ -102,11 +103,12 @@ class OutsideEngine:
         pose = HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields))
         self._call("fails in begin()", self.method.begin, pose)
 
-    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
+    def run(self, haptic: "HapticBlock", record: "TickRecord", bodies: "WorldRecord") -> int:
         """See `Engine.run`; InputError if the method fails, or its answer is no hand."""
-        for i, sample in enumerate(zip(*haptic)):
-            self._tick(HandConfiguration(*sample), i, record)
-        return len(haptic.position)
+        of_hand = type(record)._make(values[0] for values in record)
+        for i, sample in enumerate(zip(*(values[0] for values in haptic))):
+            self._tick(HandConfiguration(*sample), i, of_hand)
+        return len(haptic.position[0])
 
     def _call(self, what: str, function: Callable[..., Any], *given: Any) -> tuple[Any, int, int]:
         """Return the value of a call, and its wall and CPU time [ns]."""

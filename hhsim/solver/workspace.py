@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cached_property
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import typeof
@@ -37,7 +37,7 @@ from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
 from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
 from hhsim.solver.method import SURFACES, find_method, surface_of
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
 
@@ -94,7 +94,7 @@ class TickWorkspace:
     """One hand, one object, and the memory of their ticks, of whatever method, all in the kernels' form.
 
     The surface, world frame, is a `ContactSurface`, or its arrays alone, without mesh and tree. Raises InputError for
-    arrays of another surface than the options name.
+    arrays of another surface than the options name, or options that bodies of several parts do not go with.
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
@@ -111,6 +111,8 @@ class TickWorkspace:
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
+        if surface is not arrays and not find_method(options.method).beside_parts:
+            require_options(options, PARTS)
         # Each part of several has its lists.
         candidates = kind.candidates if surface is arrays else whole_dtype(kind.candidates)
         self.state_dtype = tick_state_dtype(candidates)
@@ -144,10 +146,6 @@ class TickWorkspace:
         surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
 
-    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[Any, ...]:
-        """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
-        return method, self.hand, self.code, self.states, self.qp, haptic, record
-
 
 def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool, hands: int = 1) -> Any:
     """Return fresh states, a record array of shape (hands,), the lists of all modelled bodies to be gathered.
@@ -179,6 +177,14 @@ def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:
     memory = np.empty(count, dtype)
     memory.view(np.uint8)[:] = 0
     return memory.view(np.recarray)
+
+
+Rows = TypeVar("Rows", HapticBlock, TickRecord)
+
+
+def of_hands(block: Rows, hands: int | slice) -> Rows:
+    """Return views of the arrays of one hand, or of some, which is the first axis."""
+    return type(block)._make(values[hands] for values in block)
 
 
 def tick_record(*ticks: int) -> TickRecord:

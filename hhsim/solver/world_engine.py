@@ -1,7 +1,7 @@
 """Engine of `coupled` and `progressive`: hands and bodies in one program, with friction and a table."""
 
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import cached_property
 from itertools import count
 from typing import Any
@@ -38,12 +38,23 @@ from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.result.schema import body_fields
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
 from hhsim.solver.options import FREE, UNLIMITED, require_options
-from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
+from hhsim.solver.workspace import (
+    ThreadTeam,
+    TickWorkspace,
+    any_states,
+    fresh_state,
+    of_hands,
+    surface_code,
+    tick_record,
+    zeroed,
+)
 from hhsim.trees.contact_surface import ContactSurface, contact_surface
 from hhsim.trees.hierarchy import build_hierarchy
 
 MOST_POINTS = 1024
 """Most corners or spheres by which a body meets another one: as many as a palm may have."""
+START_LINEARISATIONS = 4000
+"""Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 FLAT = 1e-9
 """Faces that turn by less than this at an edge go on in one plane, or are a groove."""
 BRANCHING = 8
@@ -101,51 +112,45 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
 class WorldEngine:
     """Runs the ticks of one or two hands and of bodies, all in one program.
 
-    `ticks` is the record of the first body in the last ticks; `all_ticks` that of all bodies, None if there is but one.
-    The surface of the hands is that of `free`, of which `others` are beside, and the plane. Without it no body moves:
-    the states of the pairs are then those of the hands' workspaces.
+    The surface of the hands is that of the first body, which is free; further ones are beside it, and the plane.
+    Without bodies none moves: the states of the pairs are then those of the hands' workspaces.
     """
 
-    def __init__(
-        self,
-        workspace: TickWorkspace,
-        free: Body | None = None,
-        second: TickWorkspace | None = None,
-        others: Sequence[Body | HalfSpace] = (),
-    ) -> None:
-        if free is not None:
-            require_options(workspace.options, FREE)
-        self.workspace = workspace
-        self.bodies = () if free is None else (free, *(body for body in others if isinstance(body, Body)))
-        self.hands = (workspace,) if second is None else (workspace, second)
-        made = [contact_surface(workspace.options.surface, b.placed_mesh, b.placed_tree) for b in self.bodies[1:]]
+    alone: "tuple[WorldEngine, ...]" = ()
+    """Engine of each hand by itself, where it has one."""
+
+    def __init__(self, *hands: TickWorkspace, bodies: Sequence[Body | HalfSpace] = ()) -> None:
+        self.hands, self.workspace = hands, hands[0]
+        workspace, options = self.workspace, self.workspace.options
+        if bodies:
+            require_options(options, FREE)
+        self.bodies = tuple(body for body in bodies if isinstance(body, Body))
+        made = [contact_surface(options.surface, body.placed_mesh, body.placed_tree) for body in self.bodies[1:]]
         surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *made]
-        for hand in self.hands:
-            hand.beside = tuple(surface.arrays for surface in made)
-        hands, bodies = len(self.hands), len(surfaces)
-        if bodies > MOST_BODIES:
-            raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
+        count = len(surfaces)
+        if count > MOST_BODIES:
+            raise InputError(f"{count} bodies; expected up to {MOST_BODIES}")
         pairs, self._world = self._find_pairs(), zeroed(world_dtype())
         self.world = world = self._world[0]
-        problem, friction = world.problem, world.friction
+        problem, rows = world.problem, world.hand_pairs
         self.qp = new_work(len(problem.delta), len(problem.rhs))
-        springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
+        springs, modelled = options.stiffness.diagonal(), options.modelled()
         self._own: Any = None
-        if free is not None or second is not None:
+        if bodies or len(hands) > 1:
             self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
+        for h, hand in enumerate(hands):
+            hand.beside = tuple(surface.arrays for surface in made)
+            if not bodies:
+                hand.states = self.states[h : h + 2]
+        coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
+        codes = [*(hand.code for hand in (hands[:1] if bodies else hands)), *(code for _, code in coded)]
+        self._written = [written for written, _ in coded]
         supports = [support_of(of) if body.is_free else NO_SUPPORT for body, of in zip(self.bodies, surfaces)]
-        movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
+        movers, edges = [hand.hand for hand in hands], [NO_EDGES]
         if made:
             placed = [(of.arrays, self._center(body)) for body, of in zip(self.bodies, surfaces)]
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
-        codes = [hand.code for hand in self.hands]
-        if free is None:
-            for h, hand in enumerate(self.hands):
-                hand.states = self.states[h : h + 2]
-        else:
-            coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
-            codes, self._written = [codes[0], *(code for _, code in coded)], [written for written, _ in coded]
         self._made_of = (
             filled(supports or [NO_SUPPORT], MOST_BODIES),
             zeroed(EDGE_PAIRS, pairs),
@@ -153,24 +158,20 @@ class WorldEngine:
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
-        self.thread_team = ThreadTeam(workspace.options.threads if second is None else 1, self.qp)
-        self.ticks, self.all_ticks = seen_ticks(whole_record(bodies, 0))
+        self.thread_team = ThreadTeam(options.threads if len(hands) == 1 else 1, self.qp)
         self._called: Any = None
         self._ticks = 0
-        self._name_pairs()
-        if free is None:
-            problem.surface[:hands] = range(hands)
-        problem.hands, problem.bodies, friction.room = hands, bodies, friction_count(bodies)
+        problem.hands, problem.bodies, world.friction.room = len(hands), count, friction_count(count)
         problem.slacks = 0
+        self._name_pairs()
         self._name_columns()
-        rows = self.world.hand_pairs
         rows.bound[:] = rows.floor[:] = -np.inf
-        rows.within[:] = np.inf, workspace.options.margin
+        rows.within[:] = np.inf, options.margin
         problem.inverse_root[:] = self.states[0].problem.inverse_root
-        for record in self.world.bodies[:bodies]:
-            record.period, record.orientation[0], record.moment[:] = workspace.options.period, 1.0, 1.0
+        for record in world.bodies[:count]:
+            record.period, record.orientation[0], record.moment[:] = options.period, 1.0, 1.0
             record.axes[:] = record.rotation[:] = np.eye(3)
-        plane = next((body for body in others if isinstance(body, HalfSpace)), None)
+        plane = next((body for body in bodies if isinstance(body, HalfSpace)), None)
         for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
             self._place(body, record, support, plane)
             if body.free_joint is not None:
@@ -269,7 +270,7 @@ class WorldEngine:
         """Write to the program which hand, bodies and surface each pair has."""
         problem, count = self.world.problem, len(self._pairs)
         problem.hand[:count], problem.other[:count], problem.body[:count] = np.array(self._pairs).T
-        problem.surface[:count], problem.pairs = problem.body[:count], count
+        problem.surface[:count], problem.pairs = problem.body[:count] if self.bodies else problem.hand[:count], count
         for state, (_, other, body) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
@@ -290,17 +291,13 @@ class WorldEngine:
 
     def _driven(self, ticks: int) -> FloatArray:
         """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
-        poses = self._still(ticks)
+        poses = np.zeros((max(1, len(self.bodies)), ticks, 7))
         for pose, body in zip(poses, self.bodies):
             if isinstance(body.motion, Driven):
                 rows = np.minimum(self._ticks + np.arange(ticks), len(body.motion.poses.position) - 1)
                 motion = body.motion.poses.since(body.position, body.orientation).at(rows)
                 pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(body), (ticks, 1))), motion.turn
-        self._ticks += ticks
         return poses
-
-    def _still(self, ticks: int) -> FloatArray:
-        return np.zeros((max(1, len(self.bodies)), ticks, 7))
 
     def _center(self, body: Body) -> FloatArray:
         """Return the point about which a body turns [m], world at the start, shape (3,)."""
@@ -396,8 +393,8 @@ class WorldEngine:
         """Machine code of a tick of all, see `kernels.machine_code`."""
         return code_of(tick_world, self.method, self.qp, 0)
 
-    def approach(self, linearisations: int) -> None:
-        """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
+    def approach(self) -> None:
+        """Bring the hands from free places as near to the user's as many linearisations of one tick can.
 
         It is beside bodies that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
         """
@@ -410,9 +407,10 @@ class WorldEngine:
         self.begin()
         goals, record = [hand.states[0].haptic for hand in self.hands], tick_record(len(self.hands), 1)
         haptic = HapticBlock(*(np.stack([goal[name] for goal in goals])[:, None] for name in HapticBlock._fields))
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
+        options = self.method.options._replace(linearisations=START_LINEARISATIONS, budget=UNLIMITED, snap_step=np.inf)
         method = self.method._replace(options=options, giving=0)
-        self._run(method, haptic, record, self._still(1))
+        own = whole_record(len(self.bodies), 1)
+        run_many(method, self.qp, haptic, record, own, self._driven(1), self.code)
         if record.status[0, 0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
@@ -420,40 +418,47 @@ class WorldEngine:
         bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of the next ticks, and its arguments, which have these arrays."""
+        driven = self._driven(haptic.position.shape[1])
+        return run_many, (self.method, self.qp, haptic, record, bodies, driven, self.code)
+
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         """See `Engine.run`."""
-        written: Any = (values[None] for values in record)
-        return self.run_many(HapticBlock(*(values[None] for values in haptic)), TickRecord(*written))
-
-    def run_many(self, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run the ticks of all hands, which are the first axis, and bodies, whose program is one; return those done."""
-        done, own = self._run(self.method, haptic, record, self._driven(haptic.position.shape[1]))
-        if self.bodies:
-            self.ticks, self.all_ticks = seen_ticks(own)
-        return done
-
-    def _run(
-        self, method: World, haptic: HapticBlock, record: TickRecord, driven: FloatArray
-    ) -> tuple[int, WorldRecord]:
-        """Run ticks by a method; return those done, and the record of the bodies."""
-        own = whole_record(len(driven), haptic.position.shape[1] if self.bodies else 0)
-        if self.thread_team.works:
-            # Compiled before there are helpers, which would look on, each on a processor of its own.
-            none = HapticBlock(*(values[:, :0] for values in haptic))
-            run_many(method, self.qp, none, record, own, driven, self.code)
-        with self.thread_team.at_work(method):
-            done = int(run_many(method, self.qp, haptic, record, own, driven, self.code))
+        kernel, arguments = self.call(haptic, record, bodies)
+        # Compiled before there are helpers, which would look on, each on a processor of its own.
+        ticks = kernel.entry(*arguments)
+        with ExitStack() as helped:
+            for engine in (self, *self.alone):
+                helped.enter_context(engine.thread_team.at_work(engine.method))
+            done = int(ticks(*arguments))
+        self._ticks += haptic.position.shape[1]
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
-        return done, own
+        return done
 
-    def call(
-        self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord, compiled: bool = True
-    ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of ticks beside which nothing is driven, None where Python solves, and its arguments."""
-        still, code = self._still(len(haptic.position[0])), self.code if compiled else 0
-        arguments = self.method, self.qp, haptic, record, bodies, still, code
-        return run_many if compiled else None, arguments
+
+class HandsApart(WorldEngine):
+    """Runs the ticks of two hands by themselves, and again together where they might have met."""
+
+    def __init__(self, *hands: TickWorkspace) -> None:
+        super().__init__(*hands)
+        self.alone = tuple(WorldEngine(hand) for hand in hands)
+
+    def begin(self) -> None:
+        """See `Engine.begin`."""
+        for engine in self.alone:
+            engine.begin()
+        if self.world.is_near:
+            super().begin()
+
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """See `WorldEngine.call`."""
+        from hhsim.kernels.world.side_by_side import run_hands_apart
+
+        alone = tuple(engine.method for engine in self.alone)
+        given, written = (of_hands(haptic, 0), of_hands(haptic, 1)), (of_hands(record, 0), of_hands(record, 1))
+        return run_hands_apart, (alone, self.method, given, written, self.parts_move, self.qp, self.code)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
@@ -462,15 +467,11 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
 
 
 def whole_record(bodies: int, ticks: int) -> WorldRecord:
-    """Allocate the record of all bodies in a block of ticks."""
+    """Allocate the record of all bodies in a block of ticks; without bodies it has no ticks."""
     # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-    fields = body_fields(bodies, ticks, ticks * ACTIVE_CAPACITY)
+    ticks = ticks if bodies else 0
+    fields = body_fields(max(1, bodies), ticks, ticks * ACTIVE_CAPACITY)
     return WorldRecord(**{name: np.zeros(shape, kind) for name, kind, shape in fields})
-
-
-def seen_ticks(record: WorldRecord) -> tuple[WorldRecord, WorldRecord | None]:
-    """Return the record of the first body, and of all if there are several."""
-    return (of_first(record), record) if len(record.turn) > 1 else (record.bodies[0], None)
 
 
 def of_first(record: WorldRecord) -> WorldRecord:
@@ -479,6 +480,8 @@ def of_first(record: WorldRecord) -> WorldRecord:
     Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
     """
     first = record.bodies[0]
+    if len(record.turn) == 1:
+        return first
     count = int(first.contact[-1])
     other = -2 - first.body[:count]
     on_first, by_first = record.contact_body[:count] == 0, other == 0

@@ -22,24 +22,26 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.metrics.field.hands import Bodies
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.replay.reference import best_hands
 from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import add_document
 from hhsim.scene.body import Body, Driven
+from hhsim.scene.engine_scene import EngineScene, engine_scene, seen_hand
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import best_hands
 from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
-from hhsim.solver.scene_solver import EngineScene, SceneSolver, engine_scene, seen_hand
+from hhsim.solver.solver import SceneSolver
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, free_bodies, named_scene, scene_digest, scene_names, scene_title
@@ -76,7 +78,7 @@ BODY_DEPTH = Figure("body_depth_max", "bodies in each other, max", 3, "mm")
 # Depth of the hand in the mesh; undefined if the mesh encloses nothing.
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
 # Distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
-# (`hhsim.solver.hand_solver.best_hands`), the largest of each tick in contact.
+# (`hhsim.replay.reference.best_hands`), the largest of each tick in contact.
 OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
 OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
@@ -441,12 +443,12 @@ class _SubmittedEngine(OutsideEngine):
             put_parts(surface, surface.motion.path[self.ticks])
         super()._tick(sample, i, record)
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         first = self.ticks
-        done = super().run(haptic, record)
+        done = super().run(haptic, record, bodies)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
         # The time of looking a pose up here is no time of the method.
-        record.duration_total[:done] = record.duration_cpu[:done] = took
+        record.duration_total[0, :done] = record.duration_cpu[0, :done] = took
         return done
 
 

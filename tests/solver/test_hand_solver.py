@@ -41,8 +41,8 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene, open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.solver.workspace import tick_options
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.verify import verify

@@ -23,9 +23,9 @@ from hhsim.errors import HhsimError, InputError, check_known
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import hold_readings
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.system.posix import used_memory
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Names, between

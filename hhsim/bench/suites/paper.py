@@ -18,9 +18,9 @@ from hhsim.errors import check_known
 from hhsim.hand.model import HandModel
 from hhsim.kernels.hand.kinematics import FINGER_COUNT
 from hhsim.mesh.catalogue import load_object, object_names
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import METHODS, methods_that, never_penetrates
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import warm_up
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, between
 from hhsim.system.thread_pool import usual_threads

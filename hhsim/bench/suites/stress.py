@@ -20,9 +20,9 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
-from hhsim.solver.hand_solver import HandSolver, warm_up
 from hhsim.solver.method import never_penetrates
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver, warm_up
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress

@@ -54,9 +54,8 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import bodies_ticks, keeps_hands_apart
+from hhsim.solver.solver import bodies_ticks, keeps_hands_apart, warm_up
 
 RINGS = ("ticks", "samples", "events")
 
@@ -115,8 +114,7 @@ class SessionRows:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
         if not self._is_free:
             return ()
-        first, every = bodies_ticks(records)
-        return tuple(RigidMotion(body.turn, body.shift) for body in ((first,) if every is None else every.bodies))
+        return tuple(RigidMotion(body.turn, body.shift) for body in bodies_ticks(records).bodies)
 
 
 class HandRecords:
