@@ -22,7 +22,6 @@ from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.scene.engine_scene import EngineScene, seen_hand
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.world_engine import of_first
 from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
@@ -189,6 +188,35 @@ def body_rows(seen: EngineScene, free: "WorldRecord | None", names: Sequence[str
 def _taken(record: "WorldRecord", columns: Iterable[schema.Column]) -> Columns:
     fields = record._asdict()
     return {column.name: column.taken(fields) for column in columns}
+
+
+def of_first(record: "WorldRecord") -> "WorldRecord":
+    """Return the record of the first body with its own contacts; other bodies count as the table does.
+
+    Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
+    """
+    first = record.bodies[0]
+    if len(record.turn) == 1:
+        return first
+    count = int(first.contact[-1])
+    other = -2 - first.body[:count]
+    on_first, by_first = record.contact_body[:count] == 0, other == 0
+    chosen = np.flatnonzero(on_first | by_first)
+    # Where another body touches the first one, what is stated is on the other.
+    sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
+    tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
+    body = np.where(by_first, -2 - record.contact_body[:count], first.body[:count])[chosen]
+    rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
+    point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
+    return first._replace(
+        **rows,
+        point=point,
+        body=body,
+        normal=sign * first.normal[chosen],
+        friction_force=sign * first.friction_force[chosen],
+        contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
+        table_wrench=first.table_wrench + first.body_wrench,
+    )
 
 
 def contact_rows(ticks: "WorldRecord", first: int, hands: int) -> Columns:

@@ -9,8 +9,7 @@ kernels.
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -177,7 +176,6 @@ def source_of(made: Any) -> str:
 
 SUBMITTED = "submission:"
 """Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
-_known_for_now: dict[str, Method] = {}
 
 
 def find_method(name: str) -> Method:
@@ -187,11 +185,9 @@ def find_method(name: str) -> Method:
     """
     if name in METHODS:
         return METHODS[name]
-    if name in _known_for_now:
-        return _known_for_now[name]
     if name.startswith(SUBMITTED):
         summary = "poses that were computed elsewhere"
-        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False)
+        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False, beside_parts=True)
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
@@ -212,16 +208,6 @@ def find_method(name: str) -> Method:
 def names_code(name: str) -> bool:
     """Return True for `package.module:Class`, which `find_method` imports: code that the name's author chose."""
     return ":" in name and not name.startswith(SUBMITTED) and name not in declared_methods()
-
-
-@contextmanager
-def known_for_now(name: str, method: Method) -> Iterator[None]:
-    """Make `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
-    _known_for_now[name] = method
-    try:
-        yield
-    finally:
-        del _known_for_now[name]
 
 
 def _no_engine(name: str, workspace: Any) -> Engine:

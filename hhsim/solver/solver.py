@@ -17,30 +17,27 @@ from hhsim.hand.forward_kinematics import PlacedHand, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.self_pairs import cross_pairs, self_clearance, self_pairs
 from hhsim.kernels.callee import collector_at_rest
-from hhsim.kernels.contact.contact_points import clearances
 from hhsim.kernels.contact.hand_pairs import hands_distance
-from hhsim.kernels.hand.hand_shape import StoredHands
-from hhsim.kernels.hand.kinematics import FINGER_COUNT, PALM_BODY, PHALANX_COUNT
+from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
 from hhsim.kernels.parts.surface import JointedSurface
-from hhsim.kernels.rotation import quaternion_to_matrix
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
 from hhsim.kernels.world.record import WorldRecord
 from hhsim.mesh.mesh import Mesh
-from hhsim.metrics.metrics import penetration
+from hhsim.metrics.metrics import hand_clearance, penetration
 from hhsim.reproducible import norm
 from hhsim.result.schema import bodies_row
 from hhsim.scene.body import Body, HalfSpace
 from hhsim.scene.engine_scene import engine_scene, standing_apart
 from hhsim.scene.scene import Scene
-from hhsim.solver.method import Engine, find_method
+from hhsim.solver.method import Engine, Method, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.workspace import TickWorkspace, of_hands, tick_record, zeroed
-from hhsim.solver.world_engine import HandsApart, WorldEngine, of_first, whole_record
+from hhsim.solver.world_engine import HandsApart, WorldEngine, whole_record
 from hhsim.trees.contact_surface import contact_surface, jointed_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -64,6 +61,7 @@ class Solver:
         spaces: Workspace of one hand, or of the right and the left one, with the same options.
         bodies: A free body, whose surface at the start is that of the hands, bodies beside it, and the plane. A hand
             that begins in one of them is freed of it. Nothing where the surface stands still or moves as recorded.
+        method: In place of the one that the options name.
 
     Raises:
         InputError: A method that lacks what it needs, or options that a free object does not go with.
@@ -72,10 +70,12 @@ class Solver:
     all_ticks: WorldRecord | None = None
     """Record of all bodies in the last ticks where one is free."""
 
-    def __init__(self, spaces: Sequence[TickWorkspace], bodies: Sequence[Body | HalfSpace] = ()) -> None:
+    def __init__(
+        self, spaces: Sequence[TickWorkspace], bodies: Sequence[Body | HalfSpace] = (), method: Method | None = None
+    ) -> None:
         self.spaces, self.options = tuple(spaces), spaces[0].options
         self.bodies = tuple(body for body in bodies if isinstance(body, Body))
-        self.method = find_method(self.options.method)
+        self.method = method or find_method(self.options.method)
         if self.method.missing and not bodies:
             raise InputError(f"method {self.options.method} {self.method.missing}")
         self.engines: list[Engine]
@@ -92,9 +92,9 @@ class Solver:
 
     @property
     def object_ticks(self) -> WorldRecord:
-        """Record of the first free body in the last ticks, see `of_first`."""
+        """Record of the first free body in the last ticks; its contacts are those of all bodies."""
         assert self.all_ticks is not None
-        return of_first(self.all_ticks)
+        return self.all_ticks.bodies[0]
 
     def solve(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
         """Run one tick for each haptic configuration of the hands, and return the record of each hand.
@@ -215,10 +215,10 @@ class HandSolver(Solver):
 class SceneSolver(Solver):
     """Runs the ticks of a scene, whose hands and their records are as the engine's frame sees them.
 
-    InputError for options that the scene does not go with.
+    `method` is as of `Solver`. InputError for options that the scene does not go with.
     """
 
-    def __init__(self, scene: Scene, options: SolverOptions) -> None:
+    def __init__(self, scene: Scene, options: SolverOptions, method: Method | None = None) -> None:
         self.scene = standing_apart(scene, options.surface)
         self.seen, options = engine_scene(self.scene), options.at_rate(scene.ticks.rate)
         free = self.seen.free
@@ -227,7 +227,7 @@ class SceneSolver(Solver):
         spaces = [TickWorkspace(hand.model, of, options) for hand, of in zip(scene.hands, self.surfaces)]
         alone, jointed = None if len(spaces) > 1 else free, isinstance(spaces[0].surface, JointedSurface)
         self.prepared = tuple(warm_up(hand.model, options, alone, jointed=jointed) for hand in scene.hands)
-        super().__init__(spaces, () if free is None else (free, *self.seen.others))
+        super().__init__(spaces, () if free is None else (free, *self.seen.others), method)
 
 
 class OneTick:
@@ -340,15 +340,13 @@ def place_free(workspace: TickWorkspace, haptic: HapticBlock) -> bool:
 
 def distances_of(workspace: TickWorkspace) -> list[float]:
     """Signed distances [m] of the graphic hand to each surface, also deep inside, up to ten times the margin."""
-    pose, options = workspace.states[0].pose, workspace.options
-    joints = workspace.model.joints(pose.position, pose.orientation, pose.flexion, pose.abduction)
-    rotation = np.empty((3, 3))
-    quaternion_to_matrix(np.array(pose.orientation), rotation)
-    palm, finger, shape = np.empty(1), np.empty((1, FINGER_COUNT)), hand_shape(workspace.model)
-    placed = StoredHands(shape, np.ascontiguousarray(joints)[None], np.array(pose.position)[None], rotation[None])
-    used, found = options.modelled()[:PALM_BODY:PHALANX_COUNT], []
+    pose, options, shape = workspace.states[0].pose, workspace.options, hand_shape(workspace.model)
+    position, orientation = np.array(pose.position), np.array(pose.orientation)
+    joints = workspace.model.joints(position, orientation, pose.flexion, pose.abduction)
+    placed, found = PlacedHand(joints[None], position[None], orientation[None]), []
+    used = options.modelled()[:PALM_BODY:PHALANX_COUNT]
     for surface in (workspace.surface, *workspace.beside):
-        clearances(surface, placed, 10.0 * options.margin, palm, finger)
+        palm, finger = hand_clearance(surface, shape, placed, 10.0 * options.margin)
         found.append(float(min(palm[0], finger[0, used].min(initial=np.inf))))
     return found
 

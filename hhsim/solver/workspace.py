@@ -35,7 +35,8 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import evaluate_pose, forget_lists
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
+from hhsim.kernels.tick.state import tick_state_dtype
+from hhsim.result.schema import record_dtype
 from hhsim.solver.method import SURFACES, find_method, surface_of
 from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.system.posix import thread_clock
@@ -187,29 +188,14 @@ def of_hands(block: Rows, hands: int | slice) -> Rows:
     return type(block)._make(values[hands] for values in block)
 
 
+TICK_ROW = record_dtype(*TickRecord._fields)
+"""A row of `TickRecord`."""
+
+
 def tick_record(*ticks: int) -> TickRecord:
     """Allocate the record of so many ticks; of several hands, of as many hands with so many ticks each."""
-
-    def zeros(*shape: int, kind: Any = np.float64) -> Any:
-        return np.zeros((*ticks, *shape), kind)
-
-    return TickRecord(
-        status=zeros(kind=np.int64),
-        position=zeros(3),
-        orientation=zeros(4),
-        flexion=zeros(5, 3),
-        abduction=zeros(5),
-        joints=zeros(5, 4, 3),
-        phalanx=zeros(5, 3, 3),
-        fingertip_normal=zeros(5, 3),
-        palm_wrench=zeros(6),
-        total=zeros(3),
-        duration=zeros(4, kind=np.int64),
-        duration_total=zeros(kind=np.int64),
-        duration_cpu=zeros(kind=np.int64),
-        work=zeros(WORK_COUNTERS, kind=np.int64),
-        lag=zeros(),
-    )
+    rows = (TICK_ROW[name] for name in TickRecord._fields)
+    return TickRecord(*(np.zeros((*ticks, *row.shape), row.base) for row in rows))
 
 
 class ThreadTeam:

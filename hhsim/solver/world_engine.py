@@ -135,9 +135,10 @@ class WorldEngine:
         problem, rows = world.problem, world.hand_pairs
         self.qp = new_work(len(problem.delta), len(problem.rhs))
         springs, modelled = options.stiffness.diagonal(), options.modelled()
-        self._own: Any = None
+        # Of the pairs, as `any_states`.
+        self.states = workspace.states
         if bodies or len(hands) > 1:
-            self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
+            self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
         for h, hand in enumerate(hands):
             hand.beside = tuple(surface.arrays for surface in made)
             if not bodies:
@@ -151,8 +152,11 @@ class WorldEngine:
             placed = [(of.arrays, self._center(body)) for body, of in zip(self.bodies, surfaces)]
             movers += [_as_palm(workspace.hand, *given) for given in placed]
             edges = [_edges_of(*given) for given in placed]
-        self._made_of = (
+        self._still = World(
+            workspace.tick_options,
             filled(supports or [NO_SUPPORT], MOST_BODIES),
+            self.states,
+            self._world,
             zeroed(EDGE_PAIRS, pairs),
             filled(movers, MOST_HANDS + MOST_BODIES),
             filled(codes, MOST_BODIES),
@@ -194,8 +198,7 @@ class WorldEngine:
         options = options._replace(pairs=pairs_code)
         if workspace.options.self_contact or not self.bodies:
             options = options._replace(correcting=code_of(correct, options, states, world, self.qp))
-        supports, edge_pairs, movers, codes, edges = self._made_of
-        method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
+        method = self._still._replace(options=options)
         code: dict[str, Any] = {}
         if self.bodies:
             from hhsim.kernels.world.bodies import do_bodies
@@ -235,11 +238,6 @@ class WorldEngine:
         hand, part = (np.concatenate([none, *(pairs[k] for pairs in several)]) for k in range(2))
         one, other = self.hands[0].hand, self.hands[-1].hand
         return HandPairs(hand, part, len(self.hands), one, other, self.states, self._world["hand_pairs"])
-
-    @property
-    def states(self) -> Any:
-        """States of the pairs, of `any_states`; of a hand beside what stands still those of its workspace."""
-        return self.workspace.states if self._own is None else self._own
 
     @property
     def parts_move(self) -> bool:
@@ -472,32 +470,3 @@ def whole_record(bodies: int, ticks: int) -> WorldRecord:
     ticks = ticks if bodies else 0
     fields = body_fields(max(1, bodies), ticks, ticks * ACTIVE_CAPACITY)
     return WorldRecord(**{name: np.zeros(shape, kind) for name, kind, shape in fields})
-
-
-def of_first(record: WorldRecord) -> WorldRecord:
-    """Return the record of the first body with its own contacts; other bodies count as the table does.
-
-    Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
-    """
-    first = record.bodies[0]
-    if len(record.turn) == 1:
-        return first
-    count = int(first.contact[-1])
-    other = -2 - first.body[:count]
-    on_first, by_first = record.contact_body[:count] == 0, other == 0
-    chosen = np.flatnonzero(on_first | by_first)
-    # Where another body touches the first one, what is stated is on the other.
-    sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
-    tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
-    body = np.where(by_first, -2 - record.contact_body[:count], first.body[:count])[chosen]
-    rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
-    point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
-    return first._replace(
-        **rows,
-        point=point,
-        body=body,
-        normal=sign * first.normal[chosen],
-        friction_force=sign * first.friction_force[chosen],
-        contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
-        table_wrench=first.table_wrench + first.body_wrench,
-    )
