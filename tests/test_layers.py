@@ -24,7 +24,7 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 44_453, "build_tree": 15_009}
+MOST_LINES = {"replay": 44_353, "build_tree": 15_009}
 """Lines that a command can import, of some 79,000; who lowers what it imports lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"

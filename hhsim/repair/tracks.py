@@ -193,7 +193,7 @@ class _Search:
                 if not begun:
                     # Where the frame's hand is inside it begins as near to it as a free place nearby leads.
                     self.solver = solver_beside(self.given, self.hand, self.options, frame)
-                    self.solver.begin([HapticBlock(*self.frames.part(frame, frame + 1))])
+                    self.solver.begin(HapticBlock(*self.frames.part(frame, frame + 1)))
                 begun = False
                 put(track, frame, self._arrive(before, frame))
                 begun = True

@@ -65,9 +65,7 @@ class Replay:
             described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._rows = SceneRows(
-            solver.seen, [run.model for run in self.runs], solver.surfaces, solver.options, list(self.bodies)
-        )
+        self._rows = SceneRows(solver.seen, [run.model for run in self.runs], solver.options, list(self.bodies))
         self._between, self._durations = KeptColumns(column.name for column in schema.BETWEEN_COLUMNS), list[AnyArray]()
 
     def into(

@@ -158,7 +158,7 @@ class HandRun:
             **of_method,
             **describe_scene(solver.seen, self.model, options, bodies),
         }
-        self._surface = solver.surfaces[hand]
+        self._surface = solver.spaces[hand].touched
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._body, self._contacts = KeptColumns(), KeptColumns()
 

@@ -22,7 +22,6 @@ from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
 from hhsim.scene.engine_scene import EngineScene, seen_hand
 from hhsim.solver.options import SolverOptions
-from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
     from hhsim.kernels.world.record import WorldRecord
@@ -51,23 +50,17 @@ class KeptColumns:
 class SceneRows:
     """Makes the rows of all tables of a file, block after block of one run.
 
-    Each hand has what it touches for itself; fingers that the options leave out have no penetration. `names` are those
-    of the bodies in the file.
+    Fingers that the options leave out have no penetration. `names` are those of the bodies in the file.
     """
 
     def __init__(
-        self,
-        seen: EngineScene,
-        hands: Sequence[HandModel],
-        surfaces: Sequence[ContactSurface],
-        options: SolverOptions,
-        names: Sequence[str],
+        self, seen: EngineScene, hands: Sequence[HandModel], options: SolverOptions, names: Sequence[str]
     ) -> None:
         self.seen, self.hands, self._names = seen, hands, names
         fingers = np.array([finger in options.fingers for finger in FINGERS])
         how = fingers, options.touch, seen.parts, options.surface
-        each = zip(surfaces, hands, strict=True)
-        self.touched = [TouchedObject(seen.mesh, of.arrays, hand_shape(hand), *how) for of, hand in each]
+        surface = None if seen.parts is not None else seen.surface(options.surface).arrays
+        self.touched = [TouchedObject(seen.mesh, surface, hand_shape(hand), *how) for hand in hands]
         self.forget()
 
     def forget(self) -> None:

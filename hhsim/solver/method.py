@@ -123,11 +123,6 @@ def methods_that(promise: str) -> tuple[str, ...]:
     return tuple(name for name, method in METHODS.items() if getattr(method, promise))
 
 
-def never_penetrates(name: str) -> bool:
-    """Return True if a method is known and promises it."""
-    return name in METHODS and METHODS[name].never_penetrates
-
-
 GROUP = "hhsim.methods"
 """Group of the entry points."""
 
@@ -195,7 +190,7 @@ def find_method(name: str) -> Method:
     forces, work = (bool(getattr(found, name, False)) for name in ("gives_forces", "gives_work"))
     return Method(
         summary=str(getattr(found, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        engine=partial(_made, "outside_method", "OutsideEngine", name, found, forces),
+        engine=partial(_made, "outside_method", "OutsideEngine", found, forces),
         never_penetrates=bool(getattr(found, "never_penetrates", False)),
         follows_input=True,
         gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []), *([UNITS] if work else []))),

@@ -86,16 +86,15 @@ class OutsideEngine:
     `ticks` counts the answered ones. Raises InputError where the method fails or answers with no hand.
     """
 
-    def __init__(
-        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace"
-    ) -> None:
-        self.name, self.forces, self.workspace, self.ticks = name, forces, workspace, 0
+    def __init__(self, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace") -> None:
+        self.name, self.forces, self.workspace, self.ticks = workspace.options.method, forces, workspace, 0
         # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
         states = workspace.states
         self.haptic = {field: states["haptic"][field][0] for field in HandConfiguration._fields}
         self.pose = {field: states["pose"][field][0] for field in (*HandConfiguration._fields, "joints")}
         self.palm_wrench, self.work = states["forces"]["palm_wrench"][0], states["work"][0]
-        scene = MethodScene(workspace.model, workspace.mesh, workspace.tree, workspace.options)
+        touched = workspace.touched
+        scene = MethodScene(workspace.model, touched.mesh, touched.tree, workspace.options)
         self.method, *_ = self._call("cannot be made", make, copy.deepcopy(scene))
 
     def begin(self) -> None:

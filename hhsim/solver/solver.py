@@ -22,7 +22,6 @@ from hhsim.kernels.hand.kinematics import PALM_BODY, PHALANX_COUNT
 from hhsim.kernels.hand.pose import is_finite_configuration, update_kinematics
 from hhsim.kernels.jit import as_argument
 from hhsim.kernels.kernel_cache import compiled_kernels
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import look_at
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED, STATUS_START_INSIDE
@@ -85,10 +84,7 @@ class Solver:
             self.engines = [HandsApart(*spaces)]
         else:
             self.engines = [self.method.engine(space) for space in spaces]
-        self._started = False
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.options!r})"
+        self.started = False  # hands have been placed
 
     @property
     def object_ticks(self) -> WorldRecord:
@@ -107,7 +103,6 @@ class Solver:
         record, bodies = tick_record(hands, ticks), whole_record(len(self.bodies), ticks)
         if ticks and self.tick(given, record, bodies) & STATUS_CAPACITY_EXCEEDED:
             raise self.spaces[0].full()
-        self.all_ticks = bodies if self.bodies else None
         return tuple(of_hands(record, h) for h in range(hands))
 
     def tick(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
@@ -118,7 +113,7 @@ class Solver:
         hold raise nothing, but are in the status (`hhsim.kernels.tick.state`).
         """
         hands = range(len(self.spaces))
-        begun = None if self._started else self.begin([of_hands(haptic, h) for h in hands])
+        begun = None if self.started else self.begin([of_hands(haptic, h) for h in hands])
         # Hands that have one program have one engine.
         each, status = len(self.spaces) // len(self.engines), 0
         for first, engine in enumerate(self.engines):
@@ -127,6 +122,7 @@ class Solver:
             status |= int(np.bitwise_or.reduce(record.status[own, done - 1]))
         if begun is not None:
             record.status[:, 0] |= begun
+        self.all_ticks = bodies if self.bodies else None
         return status
 
     def begin(self, haptic: Sequence[HapticBlock]) -> list[int]:
@@ -136,7 +132,7 @@ class Solver:
         so do two hands that are in each other and keep apart. The first tick must be given the same input. Returns
         STATUS_START_INSIDE or 0 of each hand; raises HhsimError where more pairs were near than the arrays hold.
         """
-        self._started = True
+        self.started = True
         inside = [place_free(space, given) for space, given in zip(self.spaces, haptic)]
         both = self.engines[0] if len(self.spaces) > len(self.engines) else None
         assert both is None or isinstance(both, WorldEngine)
@@ -168,7 +164,7 @@ class Solver:
         return kernel if compiled and self.options.qp == "active-set" else None, arguments
 
 
-class HandSolver(Solver):
+class HandSolver:
     """Keeps the graphic hand between ticks.
 
     Args:
@@ -192,14 +188,35 @@ class HandSolver(Solver):
         free: Body | None = None,
         others: Sequence[Body | HalfSpace] = (),
     ) -> None:
-        super().__init__([TickWorkspace(hand, surface, options)], () if free is None else (free, *others))
-        (self.workspace,), (self.engine,) = self.spaces, self.engines
+        self.options, self.workspace = options, TickWorkspace(hand, surface, options)
+        self.solver = Solver([self.workspace], () if free is None else (free, *others))
+        self.method, self.engine = self.solver.method, self.solver.engines[0]
+
+    def __repr__(self) -> str:
+        return f"HandSolver({self.options!r})"
+
+    @property
+    def object_ticks(self) -> WorldRecord:
+        """See `Solver.object_ticks`."""
+        return self.solver.object_ticks
 
     def run(
         self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray
     ) -> TickRecord:
         """Run one tick for each haptic configuration; shapes, units and errors as of `Solver.solve`."""
-        return self.solve(HandConfiguration(position, orientation, flexion, abduction))[0]
+        return self.solver.solve(HandConfiguration(position, orientation, flexion, abduction))[0]
+
+    def tick(self, haptic: HapticBlock, record: TickRecord) -> int:
+        """Run ticks with a record that the caller allocated, and return the last one's status: see `Solver.tick`."""
+        given = HapticBlock(*(values[None] for values in haptic))
+        written: Any = (values[None] for values in record)
+        return self.solver.tick(
+            given, TickRecord(*written), whole_record(len(self.solver.bodies), len(haptic.position))
+        )
+
+    def begin(self, haptic: HapticBlock) -> int:
+        """Place the graphic hand, and return STATUS_START_INSIDE or 0: see `Solver.begin`."""
+        return self.solver.begin([haptic])[0]
 
     def place(self, position: FloatArray, orientation: FloatArray, flexion: FloatArray, abduction: FloatArray) -> None:
         """Place the graphic hand, shapes (3,), (4,), (5, 3), (5,), where it is free; method `paper` takes any pose."""
@@ -209,7 +226,7 @@ class HandSolver(Solver):
         state.warm.count = 0
         state.decoupling.is_suspended = False
         self.engine.begin()
-        self._started = True
+        self.solver.started = True
 
 
 class SceneSolver(Solver):
@@ -223,9 +240,8 @@ class SceneSolver(Solver):
         self.seen, options = engine_scene(self.scene), options.at_rate(scene.ticks.rate)
         free = self.seen.free
         # Each hand has the surface for itself: what is near it is kept with moving parts.
-        self.surfaces = tuple(self.seen.surface(options.surface) for _ in scene.hands)
-        spaces = [TickWorkspace(hand.model, of, options) for hand, of in zip(scene.hands, self.surfaces)]
-        alone, jointed = None if len(spaces) > 1 else free, isinstance(spaces[0].surface, JointedSurface)
+        spaces = [TickWorkspace(hand.model, self.seen.surface(options.surface), options) for hand in scene.hands]
+        alone, jointed = None if len(spaces) > 1 else free, spaces[0].parts_move
         self.prepared = tuple(warm_up(hand.model, options, alone, jointed=jointed) for hand in scene.hands)
         super().__init__(spaces, () if free is None else (free, *self.seen.others), method)
 
@@ -243,7 +259,7 @@ class OneTick:
     """
 
     def __init__(self, solver: Solver) -> None:
-        self._solver, self.begin = solver, solver.begin
+        self.solver, self.begin = solver, solver.begin
         hands = len(solver.spaces)
         self.haptic = HapticBlock(*(np.zeros((hands, 1, *shape)) for shape in SHAPES.values()))
         self.haptic.orientation[..., 0] = 1.0
@@ -260,22 +276,7 @@ class OneTick:
 
     def solve(self) -> None:
         """Solve a tick from Python; raises what the solver does."""
-        self._solver.tick(self.haptic, self.record, self._bodies)
-
-    def run(self, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
-        """Solve ticks as `Solver.solve`, but go on where the pairs of one did not fit."""
-        given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
-        count = given.position.shape[1]
-        record, rows = tick_record(len(haptic), count), zeroed(self.row.dtype, count)
-        for i in range(count):
-            for values, of in zip(self.haptic, given):
-                values[:, 0] = of[:, i]
-            self.solve()
-            for written, found in zip(record, self.record):
-                written[:, i] = found[:, 0]
-            rows[i] = self.row[0]
-        self._solver.all_ticks = bodies_ticks(rows) if self._solver.bodies else None
-        return tuple(of_hands(record, h) for h in range(len(haptic)))
+        self.solver.tick(self.haptic, self.record, self._bodies)
 
 
 def bodies_ticks(rows: Records) -> WorldRecord:
@@ -303,10 +304,8 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     mesh = Mesh(np.full((3, 3), 100.0) + 0.01 * np.eye(3), np.array([[0, 1, 2]]))
     ball = SphereTree(mesh.vertices[:1], np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
     made = contact_surface(options.surface, mesh, ball)
-    one: Any = made.arrays
-    surface = one
-    if jointed:
-        surface = jointed_surface([made], np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]]))
+    still = np.array([[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]])
+    surface = jointed_surface([made], still) if jointed else made.arrays
     # A method from outside is not for a scene like this; what is compiled for it is what its hands are measured with.
     method = find_method(options.method)
     solver = HandSolver(
@@ -314,7 +313,7 @@ def warm_up(hand: HandModel, options: SolverOptions, free: Body | None = None, *
     )
     orientation = np.array([[1.0, 0.0, 0.0, 0.0]])
     block = solver.run(np.zeros((1, 3)), orientation, np.zeros((1, 5, 3)), np.zeros((1, 5)))
-    penetration(one, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
+    penetration(made.arrays, hand_shape(hand), PlacedHand(block.joints, block.position, block.orientation))
     if not method.compiled:
         space = solver.workspace
         look_at(space.hand, space.code, space.tick_options, space.states)

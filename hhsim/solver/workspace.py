@@ -99,23 +99,23 @@ class TickWorkspace:
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
-        made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
-        arrays = made_of.arrays
-        surface = begun(arrays) if isinstance(arrays, JointedSurface) else arrays
+        self.touched = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
+        arrays = self.touched.arrays
+        self.parts_move = isinstance(arrays, JointedSurface)  # as they were recorded
+        surface = begun(arrays) if self.parts_move else arrays
         self.surface: Any = surface
         self.beside: tuple[Any, ...] = ()  # surfaces of further bodies, whose own ticks are not made here
         self.model = model
-        self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
         self.options = options
         self.tick_options = tick_options(options)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
-        if surface is not arrays and not find_method(options.method).beside_parts:
+        if self.parts_move and not find_method(options.method).beside_parts:
             require_options(options, PARTS)
         # Each part of several has its lists.
-        candidates = kind.candidates if surface is arrays else whole_dtype(kind.candidates)
+        candidates = whole_dtype(kind.candidates) if self.parts_move else kind.candidates
         self.state_dtype = tick_state_dtype(candidates)
         # Two: how far apart they are numba knows of one by its type, of several by their array.
         self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled(), 2))

@@ -1,32 +1,28 @@
 """Engine of `coupled` and `progressive`: hands and bodies in one program, with friction and a table."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import cached_property
-from itertools import count
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import palm_arrays
 from hhsim.hand.self_pairs import cross_pairs, self_pairs
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import NO_PAIRS, HandPairs, PairsCode, add_bends, do_pairs
-from hhsim.kernels.hand.kinematics import DOF, PALM_BODY, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
-from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
+from hhsim.kernels.world.body import OBJECT_DOF
+from hhsim.kernels.world.edges import EDGE_PAIRS
 from hhsim.kernels.world.linearisation import write_other_pairs
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.record import WorldRecord
@@ -34,9 +30,9 @@ from hhsim.kernels.world.rows import SLACKS, friction_count
 from hhsim.kernels.world.second_order import correct
 from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
-from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.result.schema import body_fields
-from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
+from hhsim.scene.kernel_bodies import bearer_of, body_shapes, may_meet, write_body, write_joint
 from hhsim.solver.options import FREE, UNLIMITED, require_options
 from hhsim.solver.workspace import (
     ThreadTeam,
@@ -48,65 +44,10 @@ from hhsim.solver.workspace import (
     tick_record,
     zeroed,
 )
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.trees.contact_surface import contact_surface
 
-MOST_POINTS = 1024
-"""Most corners or spheres by which a body meets another one: as many as a palm may have."""
 START_LINEARISATIONS = 4000
 """Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
-FLAT = 1e-9
-"""Faces that turn by less than this at an edge go on in one plane, or are a groove."""
-BRANCHING = 8
-NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
-NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
-BELOW = 1e-6
-"""Largest depth [m] of an object in the table at the start: rounding."""
-HEAVY = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
-
-
-def support_of(surface: ContactSurface) -> Support:
-    """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
-    arrays, mesh = surface.arrays, surface.mesh
-    if mesh is not None:
-        from scipy.spatial import ConvexHull, QhullError
-
-        points = mesh.vertices[np.unique(mesh.faces)]
-        # All of its vertices where it is flat.
-        with suppress(QhullError):
-            points = points[np.sort(ConvexHull(points).vertices)]
-    elif isinstance(arrays, TreeArrays):
-        leaves = arrays.child_count == 0
-        points = np.stack([arrays.x[leaves], arrays.y[leaves], arrays.z[leaves]], axis=1)
-        return Support(points, np.array(arrays.radius[leaves]))
-    else:
-        points = arrays.vertex
-    return Support(np.ascontiguousarray(points), np.zeros(len(points)))
-
-
-def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
-    """Return a body as a palm about its centre: its leaf spheres, or the corners of its mesh."""
-    points, radius = support_of(ContactSurface(surface))
-    if len(points) > MOST_POINTS:
-        expected = f"expected up to {MOST_POINTS:,}, of a tree of a lower level, or the surface mesh"
-        raise InputError(f"a body beside others has {len(points):,} corners or spheres; {expected}")
-    level = next(level for level in count(1) if BRANCHING**level >= len(points))
-    return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
-
-
-def _edges_of(surface: Any, center: FloatArray) -> Edges:
-    """Return the convex edges of a mesh between two faces; none of spheres."""
-    if isinstance(surface, TreeArrays):
-        return NO_EDGES
-    first = surface.wing_start[:-1]
-    whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
-    one, two = first[whole], first[whole] + 1
-    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (one, two)], axis=1)
-    convex = (surface.wing[one] * normal[:, 1]).sum(axis=1) < -FLAT
-    edge = surface.edge[whole[convex]]
-    parts = edge[:, :3] - center, edge[:, 3:6], edge[:, 6], normal[convex]
-    return Edges(*(np.ascontiguousarray(part) for part in parts))
 
 
 class WorldEngine:
@@ -125,8 +66,12 @@ class WorldEngine:
         if bodies:
             require_options(options, FREE)
         self.bodies = tuple(body for body in bodies if isinstance(body, Body))
+        # Of the body that bears a body's joint, and the point about which that turns [m], world at the start.
+        self._bearers = [bearer_of(body, self.bodies) for body in self.bodies]
+        borne = zip(self.bodies, self._bearers)
+        self._centers = [body.pivot if on is None else np.array(body.solid.center) for body, on in borne]
         made = [contact_surface(options.surface, body.placed_mesh, body.placed_tree) for body in self.bodies[1:]]
-        surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *made]
+        surfaces = [workspace.touched, *made]
         count = len(surfaces)
         if count > MOST_BODIES:
             raise InputError(f"{count} bodies; expected up to {MOST_BODIES}")
@@ -146,19 +91,14 @@ class WorldEngine:
         coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
         codes = [*(hand.code for hand in (hands[:1] if bodies else hands)), *(code for _, code in coded)]
         self._written = [written for written, _ in coded]
-        supports = [support_of(of) if body.is_free else NO_SUPPORT for body, of in zip(self.bodies, surfaces)]
-        movers, edges = [hand.hand for hand in hands], [NO_EDGES]
-        if made:
-            placed = [(of.arrays, self._center(body)) for body, of in zip(self.bodies, surfaces)]
-            movers += [_as_palm(workspace.hand, *given) for given in placed]
-            edges = [_edges_of(*given) for given in placed]
+        supports, palms, edges = body_shapes(workspace.hand, self.bodies, surfaces, self._centers)
         self._still = World(
             workspace.tick_options,
-            filled(supports or [NO_SUPPORT], MOST_BODIES),
+            filled(supports, MOST_BODIES),
             self.states,
             self._world,
             zeroed(EDGE_PAIRS, pairs),
-            filled(movers, MOST_HANDS + MOST_BODIES),
+            filled([hand.hand for hand in hands] + palms, MOST_HANDS + MOST_BODIES),
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
@@ -176,14 +116,17 @@ class WorldEngine:
             record.period, record.orientation[0], record.moment[:] = options.period, 1.0, 1.0
             record.axes[:] = record.rotation[:] = np.eye(3)
         plane = next((body for body in bodies if isinstance(body, HalfSpace)), None)
-        for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
-            self._place(body, record, support, plane)
-            if body.free_joint is not None:
-                self._join(body.free_joint, k, record)
+        for k, (body, support, record) in enumerate(zip(self.bodies, supports, world.bodies)):
+            write_body(record, body, self._centers[k], support, plane, options.offset)
+            if (joint := body.free_joint) is not None:
+                on = self._bearers[k]
+                write_joint(record, body, joint, None if on is None else self._pairs.index((0, k, on)))
+                if on is not None and joint.friction > 0.0:
+                    problem.slacks = SLACKS
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = problem.column[k]
             step = record.period * np.concatenate([record.velocity, record.spin])
-            self.world.safe_total[column : column + 6] = step
+            world.safe_total[column : column + 6] = step
 
     @cached_property
     def method(self) -> World:
@@ -218,7 +161,7 @@ class WorldEngine:
             from hhsim.solver.qp import backend_code
 
             code["solving"], self._called = backend_code(method, workspace.options.qp)
-        if self.parts_move and len(self.hands) == 1:
+        if workspace.parts_move and len(self.hands) == 1:
             from hhsim.kernels.parts.tick import give_way
 
             parts = workspace.surface.motion
@@ -239,11 +182,6 @@ class WorldEngine:
         one, other = self.hands[0].hand, self.hands[-1].hand
         return HandPairs(hand, part, len(self.hands), one, other, self.states, self._world["hand_pairs"])
 
-    @property
-    def parts_move(self) -> bool:
-        """True for a surface of parts that move as they were recorded."""
-        return isinstance(self.workspace.surface, JointedSurface)
-
     def _name_columns(self) -> None:
         """Give each palm and each body that moves its columns; a fixed body has those behind all others."""
         problem = self.world.problem
@@ -260,8 +198,8 @@ class WorldEngine:
         hands, bodies = range(len(self.hands)), range(len(self.bodies))
         self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in bodies[1:]]
         for other, one in enumerate(self.bodies):
-            bearer = self._bearer(one)
-            self._pairs += [(0, other, k) for k in bodies if k == bearer or self._may_meet(one, self.bodies[k])]
+            on = self._bearers[other]
+            self._pairs += [(0, other, k) for k in bodies if k == on or may_meet(one, self.bodies[k])]
         return len(self._pairs)
 
     def _name_pairs(self) -> None:
@@ -272,97 +210,17 @@ class WorldEngine:
         for state, (_, other, body) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
-                state.modelled[PALM_BODY] = self._may_meet(self.bodies[other], self.bodies[body])
-
-    @staticmethod
-    def _may_meet(one: Body, two: Body) -> bool:
-        """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
-        if one is two:
-            return False
-        joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((one, two), (two, one)))
-        return not joined and (one.is_free or two.is_free)
-
-    def _bearer(self, body: Body) -> int | None:
-        """Return the number of the body that bears a body's joint; None for a fixed one, or the world."""
-        on = body.free_joint.on if body.free_joint else ""
-        return next((k for k, one in enumerate(self.bodies) if one.name == on and one.motion != Fixed()), None)
+                state.modelled[PALM_BODY] = may_meet(self.bodies[other], self.bodies[body])
 
     def _driven(self, ticks: int) -> FloatArray:
         """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
         poses = np.zeros((max(1, len(self.bodies)), ticks, 7))
-        for pose, body in zip(poses, self.bodies):
+        for pose, body, center in zip(poses, self.bodies, self._centers):
             if isinstance(body.motion, Driven):
                 rows = np.minimum(self._ticks + np.arange(ticks), len(body.motion.poses.position) - 1)
                 motion = body.motion.poses.since(body.position, body.orientation).at(rows)
-                pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(body), (ticks, 1))), motion.turn
+                pose[:, :3], pose[:, 3:] = motion.points(np.tile(center, (ticks, 1))), motion.turn
         return poses
-
-    def _center(self, body: Body) -> FloatArray:
-        """Return the point about which a body turns [m], world at the start, shape (3,)."""
-        return body.pivot if self._bearer(body) is None else np.array(body.solid.center)
-
-    def _place(self, body: Body, record: Any, support: Support, plane: HalfSpace | None) -> None:
-        free, period = body.solid, self.workspace.options.period
-        # Right-handed, or the gyroscopic term would have the other sign.
-        moment, axes = principal_axes(free.inertia)
-        fixed, record.is_driven = body.motion == Fixed(), isinstance(body.motion, Driven)
-        record.is_free = not fixed
-        record.center[:] = record.position[:] = self._center(body)
-        record.axes[:] = axes.T
-        record.moment[:] = moment
-        # Damping at the end of the step weighs as mass: forces balance as they would without it.
-        damped = 0.0 if fixed else period / np.sqrt(1.0 + free.damping * period)
-        record.inverse_root[:3] = damped / np.sqrt(free.mass)
-        record.inverse_root[3:] = damped / np.sqrt(moment)
-        record.gravity[:] = free.gravity
-        record.damping = free.damping
-        record.friction = record.table_friction = body.friction
-        record.torsion = body.torsion
-        if record.is_driven:
-            record.inverse_root[:] = period / np.sqrt(HEAVY)
-        record.velocity[:] = free.velocity
-        record.spin[:] = matmul(axes.T, free.angular_velocity)
-        if plane is None:
-            return
-        record.table_friction = body.friction if plane.friction is None else plane.friction
-        if not body.is_free:
-            return
-        record.has_table, record.table = True, plane.height
-        lowest = float((support.point[:, 2] - support.radius).min()) - record.table
-        if lowest < -BELOW:
-            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + record.table):.6g} mm or lower"
-            raise InputError(f"the object begins {depth} the table: put the table at {height}")
-        record.position[2] += max(0.0, self.workspace.options.offset - lowest)
-
-    def _join(self, joint: Joint, k: int, body: Any) -> None:
-        """Let a body move about or along the axis of its joint alone, in the world or against the one that bears it."""
-        of, axis, turns = self.bodies[k], joint.direction, joint.type == "hinge"
-        free, axes = of.solid, np.vstack([across(axis), axis])
-        body.limits[:] = of.limits or (-np.inf, np.inf)
-        body.joint_friction = joint.friction
-        if (bearer := self._bearer(of)) is not None:
-            body.pair, body.pair_joint = self._pairs.index((0, k, bearer)), HINGE if turns else SLIDER
-            body.joint_origin[:] = joint.origin if turns else free.center
-            body.joint_axes[:] = axes
-            if joint.friction > 0.0:
-                self.world.problem.slacks = SLACKS
-            return
-        body.axes[:] = axes
-        if not turns:
-            body.joint = SLIDER
-            body.inverse_root[3:] = body.spin[:] = 0.0
-            for vector in (body.gravity, body.velocity):
-                vector[:] = (axis * vector).sum() * axis
-            return
-        body.joint = HINGE
-        body.lever[:] = free.center - of.pivot
-        moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
-        body.moment[:] = moment
-        body.inverse_root[:] = 0.0
-        body.inverse_root[5] = body.period / np.sqrt((1.0 + free.damping * body.period) * moment)
-        body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
-        body.gravity[:] = body.velocity[:] = 0.0
-        body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
@@ -456,7 +314,7 @@ class HandsApart(WorldEngine):
 
         alone = tuple(engine.method for engine in self.alone)
         given, written = (of_hands(haptic, 0), of_hands(haptic, 1)), (of_hands(record, 0), of_hands(record, 1))
-        return run_hands_apart, (alone, self.method, given, written, self.parts_move, self.qp, self.code)
+        return run_hands_apart, (alone, self.method, given, written, self.workspace.parts_move, self.qp, self.code)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:

@@ -20,7 +20,6 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.world.record import WorldRecord
 from hhsim.metrics.field.hands import Bodies
@@ -433,13 +432,12 @@ class _SubmittedEngine(OutsideEngine):
         side = workspace.model.side
         submission = next(hand for hand in submission.hands if hand.hand in ("", side))
         made = partial(_SubmittedPoses, submission)
-        super().__init__(workspace.options.method, made, submission.phalanx_force is not None, workspace)
+        super().__init__(made, submission.phalanx_force is not None, workspace)
         self.duration = submission.duration
 
     def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
-        surface = self.workspace.surface
-        if isinstance(surface, JointedSurface):
-            put_parts(surface, surface.motion.path[self.ticks])
+        if self.workspace.parts_move:
+            put_parts(self.workspace.surface, self.workspace.surface.motion.path[self.ticks])
         super()._tick(sample, i, record)
 
     def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:

@@ -155,7 +155,7 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     others = body_of(rail, "rail", friction=0.5, moves=Fixed()), body_of(stone, "stone", mass=0.2, friction=0.5)
     solver = solver_of(cart((0.3, 0.0, 0.0), axis=(1.0, 0.0, 0.0), on="rail"), others=others)
     record = solver.run(*far_hand(200))
-    ticks = solver.all_ticks
+    ticks = solver.solver.all_ticks
     of_cart, _, of_stone = ticks.bodies
     assert not record.status.any(), "it goes through the rail that bears it"
     speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
@@ -181,7 +181,7 @@ def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[Body, Body]]:
     solver = solver_of(first, others=[second])
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
-    return solver.all_ticks, (first, second)
+    return solver.solver.all_ticks, (first, second)
 
 
 def energy_of(record: Any, bodies: tuple[Body, Body]) -> FloatArray:

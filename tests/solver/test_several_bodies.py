@@ -43,7 +43,7 @@ def solver_of_three(*bodies: Body, table: float | None = 0.0) -> HandSolver:
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
     """Run ticks of a hand at a place; returns the records of the hand and of the bodies."""
-    return solver.run(*still(place, ticks=ticks)), solver.all_ticks
+    return solver.run(*still(place, ticks=ticks)), solver.solver.all_ticks
 
 
 def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
@@ -77,7 +77,7 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     solver = solver_of_three(*bodies)
     way = np.linspace([-0.12, 0.0, 0.05], [0.12, 0.0, 0.03], ticks_run)
     record = solver.run(*still(np.zeros(3), ticks=ticks_run)._replace(position=way))
-    ticks = solver.all_ticks
+    ticks = solver.solver.all_ticks
     turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf
     for i in range(0, ticks_run, 4):
@@ -113,7 +113,7 @@ def play(body: Body, driven: Mesh, motion: RigidMotion, *others: Body, friction:
     """Records of the hand, far away, and of a free body, a driven one, and others."""
     goes = Driven(ObjectMotion(motion.shift, motion.turn))
     solver = solver_of(body, others=(body_of(driven, "driven", moves=goes, friction=friction), *others))
-    return solver.run(*far_hand(len(motion.turn))), solver.all_ticks
+    return solver.run(*far_hand(len(motion.turn))), solver.solver.all_ticks
 
 
 def rider(mass: float = 0.1, friction: float = 0.6, **given: Any) -> Body:

@@ -85,8 +85,7 @@ class SessionRows:
         self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
         seen, models = replace(setup.seen, parts=self.parts), [worn.model for worn in setup.worn[:hands]]
         self.bodies = body_parts(setup.scene, seen)
-        surfaces = [seen.surface(options.surface) for _ in models]
-        self._rows = SceneRows(seen, models, surfaces, options, list(self.bodies))
+        self._rows = SceneRows(seen, models, options, list(self.bodies))
         self._is_free = setup.recorded_bodies > 0
         self._next = 0
 
