@@ -171,7 +171,7 @@ def command(
     from hhsim.scene.described_scene import load_words
     from hhsim.scene.motion_catalogue import import_remarks
     from hhsim.solver.options import FREE, require_options
-    from hhsim.solver.scene_solver import SceneSolver
+    from hhsim.solver.solver import SceneSolver
 
     if moving.hand == "both" and output.repeat > 1:
         raise click.UsageError("--repeat is of one hand")

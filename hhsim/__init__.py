@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from hhsim.report.report import draw
     from hhsim.result.reader import Result, load_result
     from hhsim.scene.scene import Scene, open_scene
-    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions, Stiffness
     from hhsim.solver.outside_method import MethodScene, TickAnswer
+    from hhsim.solver.solver import HandSolver
     from hhsim.verify.verify import verify as verify_result
     from hhsim.view.viewer import view_result
 
@@ -64,7 +64,7 @@ __all__ = [
 _PLACES = {
     "HandConfiguration": "hhsim.hand.configuration.HandConfiguration",
     "HandModel": "hhsim.hand.model.HandModel",
-    "HandSolver": "hhsim.solver.hand_solver.HandSolver",
+    "HandSolver": "hhsim.solver.solver.HandSolver",
     "HhsimError": "hhsim.errors.HhsimError",
     "Mesh": "hhsim.mesh.mesh.Mesh",
     "MethodScene": "hhsim.solver.outside_method.MethodScene",

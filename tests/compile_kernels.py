@@ -31,9 +31,9 @@ def trees() -> None:
 def ticks(*methods: str, surface: str = "spheres") -> None:
     """What a tick of these methods runs; on spheres, what threads that help it run, too."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.method import METHODS
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.solver import warm_up
 
     hand = HandModel.default()
     for method in methods:
@@ -44,8 +44,8 @@ def ticks(*methods: str, surface: str = "spheres") -> None:
 def triangles() -> None:
     """What the ticks of all methods that take a mesh run on it, and beside bodies on joints that are driven."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.solver import warm_up
 
     ticks("coupled", "progressive", surface="mesh")
     warm_up(HandModel.default(), SolverOptions(surface="mesh"), jointed=True)
@@ -57,14 +57,14 @@ def both(mesh: Mesh, free: Any = None) -> None:
 
     from hhsim.hand.configuration import HandConfiguration
     from hhsim.hand.model import SIDES, HandModel
-    from hhsim.solver.hand_solver import HandSolver
     from hhsim.solver.options import SolverOptions
-    from hhsim.solver.scene_solver import WorldSolver
+    from hhsim.solver.solver import Solver
+    from hhsim.solver.workspace import TickWorkspace
     from hhsim.trees.contact_surface import contact_surface
 
     touched, far = contact_surface("mesh", mesh, triangle_tree(mesh, 1)), HandConfiguration(*far_hand(1))
-    hands = [HandSolver(HandModel.default(side), touched, SolverOptions(surface="mesh")) for side in SIDES]
-    WorldSolver(hands, free).run(far, far)
+    spaces = [TickWorkspace(HandModel.default(side), touched, SolverOptions(surface="mesh")) for side in SIDES]
+    Solver(spaces, [] if free is None else [free]).solve(far, far)
 
 
 def free() -> None:
@@ -72,8 +72,8 @@ def free() -> None:
     from free_scenes import body_of, box
 
     from hhsim.hand.model import HandModel
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.solver import warm_up
 
     mesh, options = box((0.05, 0.05, 0.05)), SolverOptions(surface="mesh")
     block = body_of(mesh)
@@ -86,8 +86,8 @@ def free() -> None:
 def phases() -> None:
     """A tick phase by phase, its program solved by another solver."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.solver import warm_up
 
     warm_up(HandModel.default(), SolverOptions(qp="clarabel"))
 

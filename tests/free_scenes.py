@@ -17,8 +17,8 @@ from hhsim.motion.analytic_motion import still
 from hhsim.result.reader import Result
 from hhsim.scene.body import Body, BodyMotion, Free, HalfSpace, Joint
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 
@@ -63,12 +63,6 @@ def solver_of(
     chosen, surface = SolverOptions(surface="mesh", **options), contact_surface("mesh", body.mesh, None)
     plane = () if table is None else (HalfSpace("table", table, table_friction),)
     return HandSolver(hand or HandModel.default(), surface, chosen, body, (*others, *plane))
-
-
-def all_ticks(solver: HandSolver) -> Any:
-    """The records of all bodies."""
-    engine: Any = solver.engine
-    return engine.all_ticks
 
 
 def far_hand(ticks: int) -> HandConfiguration:

@@ -26,8 +26,8 @@ from hhsim.result.reader import Result, load_result
 from hhsim.result.safety import Safety
 from hhsim.scene.scene import Scene, make_scene
 from hhsim.scene.script import parse_script
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from tools.shapes.generators import sphere
 
 Records = NDArray[Any]

@@ -29,7 +29,7 @@ from hhsim.kernels.world.linearisation import prepare, solve_with_pairs
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion import analytic_motion
 from hhsim.result.reader import Result
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.solver import HandSolver
 from hhsim.solver.workspace import fresh_state
 from hhsim.solver.world_engine import WorldEngine
 from hhsim.trees.cache import cached_sphere_tree
@@ -168,8 +168,8 @@ def prepared(solver: HandSolver, motion: HandConfiguration, tick: int) -> int:
 
 def engine_of(solver: HandSolver) -> WorldEngine:
     """The solver's engine of hands and bodies."""
-    assert solver.world is not None
-    return solver.world
+    assert isinstance(solver.engine, WorldEngine)
+    return solver.engine
 
 
 def solve_prepared(solver: HandSolver) -> int:

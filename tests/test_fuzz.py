@@ -13,8 +13,8 @@ from hhsim.bench.robustness.random_targets import RandomTargets, StressOptions
 from hhsim.bench.robustness.safety import SafetyMeasure, pieces_of, recorded_penetration
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import hold_readings
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree
 
 EXAMPLES = int(os.environ.get("HHSIM_FUZZ", "0"))

@@ -24,8 +24,8 @@ from tools.import_graph import (
     reached_from,
 )
 
-MOST_LINES = {"replay": 0.58, "build_tree": 0.2}
-"""Share of all lines that a command can import; who lowers what it imports lowers these."""
+MOST_LINES = {"replay": 44_600, "build_tree": 15_200}
+"""Lines that a command can import, of some 77,000, with room for a few more; who lowers that lowers these."""
 ROOMS = tuple(
     f"hhsim.{name}"
     for name in ("bench", "engines", "gate", "live", "repair", "report", "submissions", "sweep", "verify")
@@ -108,9 +108,9 @@ def test_nothing_below_imports_the_command_line_or_the_tools() -> None:
 
 
 @pytest.mark.parametrize(("command", "most"), MOST_LINES.items())
-def test_a_command_reaches_no_more_than_it_needs(command: str, most: float) -> None:
+def test_a_command_reaches_no_more_than_it_needs(command: str, most: int) -> None:
     reached = reached_from(command)
-    assert lines_of(reached) <= most * lines_of(modules())
+    assert lines_of(reached) <= most
     assert {name for name in reached if name.startswith(ROOMS)} == set()
 
 

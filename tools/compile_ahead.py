@@ -19,8 +19,8 @@ from tools.import_graph import REPOSITORY
 def compile_ticks() -> None:
     """Compile the ticks of the usual method."""
     from hhsim.hand.model import HandModel
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import SolverOptions
+    from hhsim.solver.solver import warm_up
 
     warm_up(HandModel.default(), SolverOptions())
 
@@ -41,7 +41,7 @@ def compile_programs() -> None:
 
     ball = SphereTree(np.zeros((1, 3)), np.array([0.01]), np.zeros(1, np.int64), np.full(1, -1))
     surface = contact_surface("spheres", Mesh(np.eye(3), np.array([[0, 1, 2]])), ball).arrays
-    engine = WorldEngine(TickWorkspace(HandModel.default(), surface, SolverOptions()), None)
+    engine = WorldEngine(TickWorkspace(HandModel.default(), surface, SolverOptions()))
     method, state, qp = engine.method, engine.states[0], engine.qp
     kernels: dict[Any, tuple[Any, ...]] = {
         solve_with_pairs: (method, 1, True, state, qp),

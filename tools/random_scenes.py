@@ -32,7 +32,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.body import Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint, triple
 from hhsim.scene.scene import TABLE, Hand, Scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import SceneSolver
 from hhsim.table.table import Column, Table, number, words
 from hhsim.trees.builder import build_sphere_tree
 from hhsim.trees.options import TreeOptions

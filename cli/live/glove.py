@@ -228,8 +228,8 @@ def command(
     from hhsim.result.reader import check_result_path
     from hhsim.scene.described_scene import SceneWords, load_words
     from hhsim.scene.motion_catalogue import import_remarks
-    from hhsim.solver.hand_solver import warm_up
     from hhsim.solver.options import FREE, SolverOptions, require_options
+    from hhsim.solver.solver import warm_up
     from hhsim.system.output_path import dated_output_path
 
     if session.no_record and session.record is not None:

@@ -24,8 +24,8 @@ from hhsim.repair.projection import GivenObject
 from hhsim.repair.skin import Skin
 from hhsim.repair.written_hand import WrittenHand, moved_joints
 from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.scene.engine_scene import EngineScene, engine_scene
 from hhsim.scene.scene import Hand, Scene
-from hhsim.solver.scene_solver import EngineScene, engine_scene
 from hhsim.trees.contact_surface import contact_surface
 
 

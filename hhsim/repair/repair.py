@@ -48,12 +48,13 @@ from hhsim.repair.skin import Skin, mano_skin, moved_skin, push_out
 from hhsim.repair.skin_hull import hand_with_skin, with_palm
 from hhsim.repair.tracks import LINEARISATIONS, put_at, repair_frames, solver_beside
 from hhsim.repair.written_hand import WrittenHand, change_between
-from hhsim.replay.replay import replay_scene
+from hhsim.replay.replay import Replay
 from hhsim.result.writer import add_skin
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
-from hhsim.solver.method import SUBMITTED, known_for_now
+from hhsim.scene.engine_scene import seen_hand
+from hhsim.solver.method import SUBMITTED
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import seen_hand
+from hhsim.solver.solver import SceneSolver
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.score import submitted_method
 from hhsim.system.atomic_write import new_files, write_atomically
@@ -140,13 +141,11 @@ def _repaired(request: RepairRequest, command: Sequence[str], progress: Progress
         "marked": recorded.frames[marked].tolist(),
     }
     forces = equilibrium_forces(recorded, seen.posture)
-    name = f"{SUBMITTED}{METHOD}"
     submission = Submission(METHOD, "", scene.ticks.time, seen.posture, *forces)
     # The hand of the written recording is outside; ours is inside by what the fit left.
-    method = replace(submitted_method(name, submission), never_penetrates=False, beside_parts=True)
-    with known_for_now(name, method):
-        options = SolverOptions(method=name, surface="mesh")
-        replay_scene(scene, options, paths["result"], description=said, command=command, progress=progress)
+    method, options = submitted_method(submission), SolverOptions(method=f"{SUBMITTED}{METHOD}", surface="mesh")
+    solver = SceneSolver(scene, options, replace(method, never_penetrates=False))
+    Replay(solver, said).into(paths["result"], command, progress)
     if after_skin is not None:
         add_skin(paths["result"], after_skin.vertices[recorded.frames], after_skin.faces)
     force = np.linalg.norm(forces[0].sum(axis=2), axis=2)

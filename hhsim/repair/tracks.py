@@ -23,8 +23,8 @@ from hhsim.metrics.moving_parts import MovingParts
 from hhsim.motion.resample import interpolate_monotone, interpolate_orientation
 from hhsim.repair.projection import GivenObject, HandJudge, Projection, farthest, put
 from hhsim.repair.written_hand import WrittenHand, change_between, finite_frames
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNLIMITED, SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.system.progress import Progress, silent
 from hhsim.trees.contact_surface import put_parts
 

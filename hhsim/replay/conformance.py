@@ -13,9 +13,9 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import WORK_CANDIDATES, WORK_TOUCHING
 from hhsim.metrics.metrics import penetration
 from hhsim.scene.scene import open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import FORCES, find_method
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.system.counted import counted
 from hhsim.trees.contact_surface import contact_surface
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,15 @@ from hhsim import __version__
 from hhsim.arrays import AnyArray
 from hhsim.errors import InputError
 from hhsim.hand.configuration import HandConfiguration
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.replay.stored_scene import result_scene, stored_options
 from hhsim.replay.tick_rows import SceneRows
 from hhsim.result import schema
 from hhsim.result.reader import CHUNK_TICKS, Result
+from hhsim.scene.engine_scene import seen_hand
 from hhsim.solver.method import METHODS, find_method
-from hhsim.solver.scene_solver import OneTick, SceneSolver, seen_hand
+from hhsim.solver.solver import OneTick, SceneSolver, bodies_ticks
+from hhsim.solver.workspace import of_hands, tick_record, zeroed
 from hhsim.system import environment as info
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
@@ -185,10 +189,10 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
     solver = SceneSolver(result_scene(hands, CHUNK_TICKS if needs_no_poses else None), options)
     with interruptible_between() as check_interrupt:
         models = [hand.model for hand in solver.scene.hands]
-        rows = SceneRows(solver.seen, models, solver.surfaces, solver.options, list(result.bodies))
+        rows = SceneRows(solver.seen, models, solver.options, list(result.bodies))
         every = zip(hands[0].blocks(of_bodies), *(hand.blocks(names) for hand in hands))
         # A session's ticks were solved one by one: where the pairs of one did not fit, the loop went on.
-        run = OneTick(solver).run if hands[0].live is not None else lambda haptic: solver.run(*haptic)
+        run = solver.solve if hands[0].live is None else partial(_one_by_one, OneTick(solver))
         for first, blocks in zip(range(0, total, CHUNK_TICKS), every):
             report("ticks", first, total)
             bodies, *given = ({name: values[: total - first] for name, values in block.items()} for block in blocks)
@@ -196,10 +200,10 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
             haptic = [
                 HandConfiguration(*(block[f"haptic/{name}"] for name in HandConfiguration._fields)) for block in given
             ]
-            records = run([seen_hand(hand, rows.carried(ticks)) for hand in haptic])
+            records = run(*(seen_hand(hand, rows.carried(ticks)) for hand in haptic))
             numbers = [block["input_seq"] for block in given]
             of_hands = [*zip(numbers, haptic, records, strict=True)]
-            computed = rows.block(ticks, given[0]["time"], of_hands, solver.free_ticks, first)[1]
+            computed = rows.block(ticks, given[0]["time"], of_hands, solver.all_ticks, first)[1]
             stored = {f"{schema.HANDS}/{hand.side}/{schema.TICK}": block for hand, block in zip(models, given)}
             for group, compared in arrays.items():
                 if group == schema.CONTACT:
@@ -222,6 +226,22 @@ def run_again(result: Result, *, trust: bool = False, progress: Progress | None 
         notes += makers or [f"hhsim, packages, processor and system are those of the file: {expected}"]
     shared = tuple(dict.fromkeys(notes))
     return RunAgain(result.path, result.complete, total, result.ticks, tuple(found), shared, bool(makers))
+
+
+def _one_by_one(one: OneTick, *haptic: HandConfiguration) -> tuple[TickRecord, ...]:
+    """Solve ticks as `Solver.solve`, but go on where the pairs of one did not fit."""
+    given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
+    count = given.position.shape[1]
+    record, rows = tick_record(len(haptic), count), zeroed(one.row.dtype, count)
+    for i in range(count):
+        for values, of in zip(one.haptic, given):
+            values[:, 0] = of[:, i]
+        one.solve()
+        for written, found in zip(record, one.record):
+            written[:, i] = found[:, 0]
+        rows[i] = one.row[0]
+    one.solver.all_ticks = bodies_ticks(rows) if one.solver.bodies else None
+    return tuple(of_hands(record, h) for h in range(len(haptic)))
 
 
 def _arrays(result: Result, shown: Sequence[Result]) -> dict[str, list[ArrayComparison]]:

@@ -27,7 +27,7 @@ from hhsim.result.reader import CHUNK_TICKS
 from hhsim.result.writer import HandPart, ResultWriter
 from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, keeps_hands_apart
+from hhsim.solver.solver import SceneSolver, keeps_hands_apart
 from hhsim.system.deferred_sigint import interruptible_between
 from hhsim.system.progress import Progress, silent
 
@@ -65,9 +65,7 @@ class Replay:
             described[schema.HANDS_APART] = self._keeps_apart = self._together or keeps_hands_apart(solver.options)
         self.bodies = body_parts(scene, solver.seen)
         self.runs = [HandRun(solver, hand, self.bodies, described) for hand in range(len(scene.hands))]
-        self._rows = SceneRows(
-            solver.seen, [run.model for run in self.runs], solver.surfaces, solver.options, list(self.bodies)
-        )
+        self._rows = SceneRows(solver.seen, [run.model for run in self.runs], solver.options, list(self.bodies))
         self._between, self._durations = KeptColumns(column.name for column in schema.BETWEEN_COLUMNS), list[AnyArray]()
 
     def into(
@@ -92,7 +90,7 @@ class Replay:
                 for first in range(0, total, CHUNK_TICKS):
                     report("ticks", first, total)
                     ticks = slice(first, min(first + CHUNK_TICKS, total))
-                    writer.append(self._tables(ticks, self.solver.run(*(hand.at(ticks) for hand in seen.haptic))))
+                    writer.append(self._tables(ticks, self.solver.solve(*(hand.at(ticks) for hand in seen.haptic))))
                     check_interrupt()
                 report("ticks", total, total)
             return self._finish(writer)
@@ -103,7 +101,7 @@ class Replay:
             raise HhsimError(f"the graphic hand is not finite after tick {ticks.start}: please report the command")
         own = [run.ticks for run in self.runs]
         given = [(of.input_seq[ticks], HandConfiguration.of(of).at(ticks), record) for of, record in zip(own, records)]
-        seen, tables = self._rows.block(ticks, own[0].time[ticks], given, self.solver.free_ticks, ticks.start)
+        seen, tables = self._rows.block(ticks, own[0].time[ticks], given, self.solver.all_ticks, ticks.start)
         for run, columns in zip(self.runs, seen):
             run.keep(columns, tables)
         if len(records) > 1:

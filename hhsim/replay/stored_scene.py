@@ -20,10 +20,10 @@ from hhsim.result.body import HAND_ARRAYS, result_hand
 from hhsim.result.body import Body as StoredBody
 from hhsim.result.reader import Result
 from hhsim.scene.body import JOINT_BOUNDS, Body, BodyMotion, Driven, Fixed, Free, HalfSpace, Joint
+from hhsim.scene.engine_scene import EngineScene
 from hhsim.scene.scene import TABLE, Hand, Scene, all_pairs
 from hhsim.solver.method import names_code
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import EngineScene
 from hhsim.system.settings_file import typed
 
 LAW = "Coulomb with de Saxcé's correction, cone of 4 directions turned to the load; impacts inelastic; implicit Euler"

@@ -30,6 +30,7 @@ from hhsim.metrics.run.registry import known_figures, needed_columns, run_metric
 from hhsim.metrics.run_ticks import FreeRun, RunTicks
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.motion.tremor import Disturbance
+from hhsim.replay.reference import reference_excess
 from hhsim.replay.stored_scene import STILL, describe_scene
 from hhsim.replay.summary_table import SummaryRow, summary_rows
 from hhsim.replay.tick_rows import Columns, KeptColumns
@@ -38,10 +39,9 @@ from hhsim.result.body import Body, Contacts
 from hhsim.result.schema import BODIES, CONTACT, HANDS_APART, TICK
 from hhsim.scene.motion_catalogue import of_the_paper
 from hhsim.scene.scene import all_pairs
-from hhsim.solver.hand_solver import HandSolver, WarmUp, reference_excess
-from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS, find_method
+from hhsim.solver.method import FORCES, METHODS, PROMISES, RUNS
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import HandSolver, SceneSolver, WarmUp
 from hhsim.system.counted import counted
 from hhsim.trees.options import MOST_LEVEL
 
@@ -144,7 +144,7 @@ class HandRun:
         self.solver, self.hand, self._first_body = solver, hand, next(iter(bodies))
         scene, options, of_hand = solver.scene, solver.options, solver.scene.hands[hand]
         self.model = of_hand.model
-        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.hands[hand].method
+        self.ticks, motion, method = of_hand.ticks, of_hand.trajectory, solver.method
         of_method: dict[str, Any] = {}
         if options.method not in METHODS:
             of_method = {"gives": sorted(method.gives), "promises": sorted(method.promises)}
@@ -158,7 +158,7 @@ class HandRun:
             **of_method,
             **describe_scene(solver.seen, self.model, options, bodies),
         }
-        self._surface = solver.surfaces[hand]
+        self._surface = solver.spaces[hand].touched
         self._series = KeptColumns((*needed_columns(), *GRAPHIC_HAND))
         self._body, self._contacts = KeptColumns(), KeptColumns()
 
@@ -193,8 +193,7 @@ class HandRun:
             modelled=options.fingers,
             self_contact=options.self_contact,
         )
-        method = find_method(options.method)
-        known = known_figures(method.gives)
+        known = known_figures(solver.method.gives)
         # What a further run of the solver would tell is of an object that stands still.
         own = self._figures_of_own_runs(run) if free is None and parts is None else {}
         figures = {name: value for name, value in {**tick_figures(run), **own}.items() if name in known}
@@ -208,7 +207,7 @@ class HandRun:
             object_name=scene.name,
             motion_name=scene.hands[self.hand].trajectory.name,
             surface=options.surface,
-            promises=method.promises,
+            promises=solver.method.promises,
         )
 
     def _figures_of_own_runs(self, run: RunTicks) -> dict[str, float]:
@@ -221,7 +220,7 @@ class HandRun:
         chosen = np.unique(held[np.linspace(0, held.size - 1, min(REFERENCE_TICKS, held.size)).astype(int)])
         excess = reference_excess(hand, self._surface, options, haptic, graphic, chosen)
         found = {"tracking_excess": 100.0 * metrics.statistics(excess).mean}
-        if not find_method(options.method).gives >= {FORCES, RUNS}:
+        if not self.solver.method.gives >= {FORCES, RUNS}:
             return found
         held_haptic, held_graphic = haptic.at(run.holds[0]), graphic.at(run.holds[0])
         if all(np.all(values == values[:1]) for values in held_haptic):

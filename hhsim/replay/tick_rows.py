@@ -20,9 +20,8 @@ from hhsim.motion.trajectory import RigidMotion
 from hhsim.result import schema
 from hhsim.result.body import pair_codes
 from hhsim.result.reader import transformed
+from hhsim.scene.engine_scene import EngineScene, seen_hand
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import EngineScene, seen_hand
-from hhsim.trees.contact_surface import ContactSurface
 
 if TYPE_CHECKING:
     from hhsim.kernels.world.record import WorldRecord
@@ -51,23 +50,17 @@ class KeptColumns:
 class SceneRows:
     """Makes the rows of all tables of a file, block after block of one run.
 
-    Each hand has what it touches for itself; fingers that the options leave out have no penetration. `names` are those
-    of the bodies in the file.
+    Fingers that the options leave out have no penetration. `names` are those of the bodies in the file.
     """
 
     def __init__(
-        self,
-        seen: EngineScene,
-        hands: Sequence[HandModel],
-        surfaces: Sequence[ContactSurface],
-        options: SolverOptions,
-        names: Sequence[str],
+        self, seen: EngineScene, hands: Sequence[HandModel], options: SolverOptions, names: Sequence[str]
     ) -> None:
         self.seen, self.hands, self._names = seen, hands, names
         fingers = np.array([finger in options.fingers for finger in FINGERS])
         how = fingers, options.touch, seen.parts, options.surface
-        each = zip(surfaces, hands, strict=True)
-        self.touched = [TouchedObject(seen.mesh, of.arrays, hand_shape(hand), *how) for of, hand in each]
+        surface = None if seen.parts is not None else seen.surface(options.surface).arrays
+        self.touched = [TouchedObject(seen.mesh, surface, hand_shape(hand), *how) for hand in hands]
         self.forget()
 
     def forget(self) -> None:
@@ -85,7 +78,7 @@ class SceneRows:
         ticks: slice,
         time: AnyArray,
         given: Sequence[tuple[AnyArray, HandConfiguration, TickRecord]],
-        free: "tuple[WorldRecord, WorldRecord | None] | None",
+        free: "WorldRecord | None",
         first: int,
     ) -> tuple[list[Columns], dict[str, Columns]]:
         """Return the columns of each hand in the engine's frame, and the tables of the file by their groups, world.
@@ -94,15 +87,15 @@ class SceneRows:
             ticks: Numbers of the ticks among the poses of parts.
             time: Since the start of the motion [s], shape (B,).
             given: Of each hand, numbers of the input samples, the user's hand, world, and the solver's output for it.
-            free: Ticks of the first free body, and of all if there are several; None without one.
+            free: Ticks of all bodies where one is free; None without one.
             first: Number of the first tick in the file.
         """
         moved, found, placed = self.carried(ticks), list[Columns](), list[tuple[PlacedHand, PlacedHand]]()
         tables = {schema.TICK: Columns(), schema.CONTACT: Columns()}
         tables |= body_rows(self.seen, free, self._names, ticks)
         if free is not None:
-            moved = RigidMotion(free[0].turn, free[0].shift)
-            tables[schema.CONTACT] = contact_rows(free[0], first, len(self.hands))
+            moved = RigidMotion(free.turn[0], free.shift[0])
+            tables[schema.CONTACT] = contact_rows(of_first(free), first, len(self.hands))
         for h, (hand, of_hand) in enumerate(zip(self.hands, given, strict=True)):
             of_frame, shown = self._hand_columns(h, ticks, time, *of_hand, moved)
             found.append(of_frame)
@@ -151,9 +144,7 @@ class SceneRows:
         return seen, shown | {f"haptic/{name}": values for name, values in haptic._asdict().items()}
 
 
-def body_rows(
-    seen: EngineScene, free: "tuple[WorldRecord, WorldRecord | None] | None", names: Sequence[str], ticks: slice
-) -> dict[str, Columns]:
+def body_rows(seen: EngineScene, free: "WorldRecord | None", names: Sequence[str], ticks: slice) -> dict[str, Columns]:
     """Return the rows of all bodies by their groups in the file; `free` as of `SceneRows.block`.
 
     Where one of several is free, their poses are written to `seen.parts.world`, too, for the measures of depth.
@@ -169,13 +160,13 @@ def body_rows(
             pose = {"position": parts.world[ticks, p, :3], "orientation": parts.world[ticks, p, 3:]}
             rows[groups[p]] = pose | joint
         return rows
-    first, every = free
+    first = free.bodies[0]
     moved, rows = RigidMotion(first.turn, first.shift), {}
-    if parts is None or every is None:
+    if parts is None:
         position, orientation = (np.tile(of, (len(first.turn), 1)) for of in seen.place)
         pose = {"position": moved.points(position), "orientation": moved.orientations(orientation)}
         return {groups[0]: pose | _taken(first, (*schema.MOTION_COLUMNS, *schema.FREE_COLUMNS))}
-    for k, (name, body) in enumerate(zip(parts.names, every.bodies, strict=True)):
+    for k, (name, body) in enumerate(zip(parts.names, free.bodies, strict=True)):
         parts.world[ticks, k, :3] = moved.seen_points(body.shift)
         parts.world[ticks, k, 3:] = moved.seen_orientations(body.turn)
         columns = {"position": body.shift, "orientation": body.turn}
@@ -190,6 +181,35 @@ def body_rows(
 def _taken(record: "WorldRecord", columns: Iterable[schema.Column]) -> Columns:
     fields = record._asdict()
     return {column.name: column.taken(fields) for column in columns}
+
+
+def of_first(record: "WorldRecord") -> "WorldRecord":
+    """Return the record of the first body with its own contacts; other bodies count as the table does.
+
+    Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
+    """
+    first = record.bodies[0]
+    if len(record.turn) == 1:
+        return first
+    count = int(first.contact[-1])
+    other = -2 - first.body[:count]
+    on_first, by_first = record.contact_body[:count] == 0, other == 0
+    chosen = np.flatnonzero(on_first | by_first)
+    # Where another body touches the first one, what is stated is on the other.
+    sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
+    tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
+    body = np.where(by_first, -2 - record.contact_body[:count], first.body[:count])[chosen]
+    rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
+    point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
+    return first._replace(
+        **rows,
+        point=point,
+        body=body,
+        normal=sign * first.normal[chosen],
+        friction_force=sign * first.friction_force[chosen],
+        contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
+        table_wrench=first.table_wrench + first.body_wrench,
+    )
 
 
 def contact_rows(ticks: "WorldRecord", first: int, hands: int) -> Columns:

@@ -6,7 +6,8 @@ from typing import Any
 from hhsim.kernels.tick.block import HapticBlock, TickRecord, run_block
 from hhsim.kernels.tick.paper import PAPER_STATE, Paper, begin_paper
 from hhsim.kernels.tick.penalty import PENALTY_STATE, Penalty, PenaltyOptions
-from hhsim.solver.workspace import TickWorkspace, zeroed
+from hhsim.kernels.world.record import WorldRecord
+from hhsim.solver.workspace import TickWorkspace, of_hands, zeroed
 
 
 class BlockEngine:
@@ -15,9 +16,15 @@ class BlockEngine:
     def __init__(self, workspace: TickWorkspace, method: Any, begin: Callable[[], None]) -> None:
         self.workspace, self.method, self.begin = workspace, method, begin
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """See `WorldEngine.call`."""
+        space, rows = self.workspace, (of_hands(haptic, 0), of_hands(record, 0))
+        return run_block, (self.method, space.hand, space.code, space.states, space.qp, *rows)
+
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         """See `Engine.run`."""
-        return int(run_block(*self.workspace.block(self.method, haptic, record)))
+        kernel, arguments = self.call(haptic, record, bodies)
+        return int(kernel(*arguments))
 
 
 def paper_engine(workspace: TickWorkspace) -> BlockEngine:

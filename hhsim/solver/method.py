@@ -9,8 +9,7 @@ kernels.
 import hashlib
 import inspect
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
@@ -24,6 +23,7 @@ from hhsim.registry import Registry, declared
 if TYPE_CHECKING:
     from hhsim.kernels.contact.surface import Surface
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.kernels.world.record import WorldRecord
 
 FORCES, WORK, UNITS, TIMES, STATUS, RUNS = "forces", "work", "units", "times", "status", "runs"
 EVERYTHING = frozenset((FORCES, WORK, UNITS, TIMES, STATUS, RUNS))
@@ -38,15 +38,16 @@ USUAL: Mapping[str, Any] = {"force": "kkt", "linearisations": 12, "margin": 1e-3
 
 
 class Engine(Protocol):
-    """Runs the ticks of one method for one hand and one object."""
+    """Runs the ticks of one program: of a method for a hand alone, or of all hands and what moves freely."""
 
     def begin(self) -> None:
-        """Continue from the graphic hand in the workspace; HhsimError if more pairs are near than the arrays hold."""
+        """Continue from the graphic hands in the workspaces; HhsimError if more pairs are near than the arrays hold."""
 
-    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
-        """Run one tick for each row of the haptic input; return the ticks done.
+    def run(self, haptic: "HapticBlock", record: "TickRecord", bodies: "WorldRecord") -> int:
+        """Run one tick for each row of the haptic input, after the hand the second axis; return the ticks done.
 
-        They are fewer than the rows only where the pairs of the last one did not fit, as its status says.
+        They are fewer than the rows only where the pairs of the last one did not fit, as its status says. `bodies` is
+        written where one is free.
         """
 
 
@@ -122,11 +123,6 @@ def methods_that(promise: str) -> tuple[str, ...]:
     return tuple(name for name, method in METHODS.items() if getattr(method, promise))
 
 
-def never_penetrates(name: str) -> bool:
-    """Return True if a method is known and promises it."""
-    return name in METHODS and METHODS[name].never_penetrates
-
-
 GROUP = "hhsim.methods"
 """Group of the entry points."""
 
@@ -175,7 +171,6 @@ def source_of(definition: Any) -> str:
 
 SUBMITTED = "submission:"
 """Prefix of the method of a submission's poses in its result; see `hhsim.submissions.score`."""
-_known_for_now: dict[str, Method] = {}
 
 
 def find_method(name: str) -> Method:
@@ -185,11 +180,9 @@ def find_method(name: str) -> Method:
     """
     if name in METHODS:
         return METHODS[name]
-    if name in _known_for_now:
-        return _known_for_now[name]
     if name.startswith(SUBMITTED):
         summary = "poses that were computed elsewhere"
-        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False)
+        return Method(summary, partial(_no_engine, name), gives=frozenset(), compiled=False, beside_parts=True)
     found = outside_class(name)
     if isinstance(found, Method):
         return replace(found, source=found.source or source_of(found.engine))
@@ -197,7 +190,7 @@ def find_method(name: str) -> Method:
     forces, work = (bool(getattr(found, name, False)) for name in ("gives_forces", "gives_work"))
     return Method(
         summary=str(getattr(found, "summary", lines[0] if lines else "a method from outside")).rstrip("."),
-        engine=partial(_made, "outside_method", "OutsideEngine", name, found, forces),
+        engine=partial(_made, "outside_method", "OutsideEngine", found, forces),
         never_penetrates=bool(getattr(found, "never_penetrates", False)),
         follows_input=True,
         gives=frozenset((TIMES, RUNS, *([FORCES] if forces else []), *([UNITS] if work else []))),
@@ -210,16 +203,6 @@ def find_method(name: str) -> Method:
 def names_code(name: str) -> bool:
     """Return True for `package.module:Class`, which `find_method` imports: code that the name's author chose."""
     return ":" in name and not name.startswith(SUBMITTED) and name not in declared_methods()
-
-
-@contextmanager
-def known_for_now(name: str, method: Method) -> Iterator[None]:
-    """Make `find_method` know a method by a name, which begins with `SUBMITTED`, until the block ends."""
-    _known_for_now[name] = method
-    try:
-        yield
-    finally:
-        del _known_for_now[name]
 
 
 def _no_engine(name: str, workspace: Any) -> Engine:

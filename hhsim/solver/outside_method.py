@@ -21,6 +21,7 @@ from hhsim.trees.sphere_tree import SphereTree
 
 if TYPE_CHECKING:
     from hhsim.kernels.tick.block import HapticBlock, TickRecord
+    from hhsim.kernels.world.record import WorldRecord
     from hhsim.solver.options import SolverOptions
     from hhsim.solver.workspace import TickWorkspace
 
@@ -85,16 +86,15 @@ class OutsideEngine:
     `ticks` counts the answered ones. Raises InputError where the method fails or answers with no hand.
     """
 
-    def __init__(
-        self, name: str, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace"
-    ) -> None:
-        self.name, self.forces, self.workspace, self.ticks = name, forces, workspace, 0
+    def __init__(self, make: Callable[[MethodScene], OutsideMethod], forces: bool, workspace: "TickWorkspace") -> None:
+        self.name, self.forces, self.workspace, self.ticks = workspace.options.method, forces, workspace, 0
         # Views: to find a field of a record takes longer than to write it, and a tick has a dozen.
         states = workspace.states
         self.haptic = {field: states["haptic"][field][0] for field in HandConfiguration._fields}
         self.pose = {field: states["pose"][field][0] for field in (*HandConfiguration._fields, "joints")}
         self.palm_wrench, self.work = states["forces"]["palm_wrench"][0], states["work"][0]
-        scene = MethodScene(workspace.model, workspace.mesh, workspace.tree, workspace.options)
+        touched = workspace.touched
+        scene = MethodScene(workspace.model, touched.mesh, touched.tree, workspace.options)
         self.method, *_ = self._call("cannot be made", make, copy.deepcopy(scene))
 
     def begin(self) -> None:
@@ -102,11 +102,12 @@ class OutsideEngine:
         pose = HandConfiguration(*(self.pose[field].copy() for field in HandConfiguration._fields))
         self._call("fails in begin()", self.method.begin, pose)
 
-    def run(self, haptic: "HapticBlock", record: "TickRecord") -> int:
+    def run(self, haptic: "HapticBlock", record: "TickRecord", bodies: "WorldRecord") -> int:
         """See `Engine.run`; InputError if the method fails, or its answer is no hand."""
-        for i, sample in enumerate(zip(*haptic)):
-            self._tick(HandConfiguration(*sample), i, record)
-        return len(haptic.position)
+        of_hand = type(record)._make(values[0] for values in record)
+        for i, sample in enumerate(zip(*(values[0] for values in haptic))):
+            self._tick(HandConfiguration(*sample), i, of_hand)
+        return len(haptic.position[0])
 
     def _call(self, what: str, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int, int]:
         """Return the value of a call, and its wall and CPU time [ns]."""

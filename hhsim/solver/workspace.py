@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cached_property
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import typeof
@@ -35,9 +35,10 @@ from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.evaluation import evaluate_pose, forget_lists
 from hhsim.kernels.tick.force import FORCE_KKT, FORCE_PAPER
 from hhsim.kernels.tick.options import TickOptions
-from hhsim.kernels.tick.state import WORK_COUNTERS, tick_state_dtype
+from hhsim.kernels.tick.state import tick_state_dtype
+from hhsim.result.schema import record_dtype
 from hhsim.solver.method import SURFACES, find_method, surface_of
-from hhsim.solver.options import SolverOptions
+from hhsim.solver.options import PARTS, SolverOptions, require_options
 from hhsim.system.posix import thread_clock
 from hhsim.trees.contact_surface import ContactSurface, begun
 
@@ -94,25 +95,27 @@ class TickWorkspace:
     """One hand, one object, and the memory of their ticks, of whatever method, all in the kernels' form.
 
     The surface, world frame, is a `ContactSurface`, or its arrays alone, without mesh and tree. Raises InputError for
-    arrays of another surface than the options name.
+    arrays of another surface than the options name, or options that bodies of several parts do not go with.
     """
 
     def __init__(self, model: HandModel, surface: Any, options: SolverOptions) -> None:
-        made_of = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
-        arrays = made_of.arrays
-        surface = begun(arrays) if isinstance(arrays, JointedSurface) else arrays
+        self.touched = surface if isinstance(surface, ContactSurface) else ContactSurface(surface)
+        arrays = self.touched.arrays
+        self.parts_move = isinstance(arrays, JointedSurface)  # as they were recorded
+        surface = begun(arrays) if self.parts_move else arrays
         self.surface: Any = surface
         self.beside: tuple[Any, ...] = ()  # surfaces of further bodies, whose own ticks are not made here
         self.model = model
-        self.mesh, self.tree = made_of.mesh, made_of.tree
         self.hand = model.arrays()
         self.options = options
         self.tick_options = tick_options(options)
         kind = surface_of(surface)
         if kind is not SURFACES[options.surface]:
             raise InputError(f"surface '{options.surface}' of the options: {type(surface).__name__} are not its arrays")
+        if self.parts_move and not find_method(options.method).beside_parts:
+            require_options(options, PARTS)
         # Each part of several has its lists.
-        candidates = kind.candidates if surface is arrays else whole_dtype(kind.candidates)
+        candidates = whole_dtype(kind.candidates) if self.parts_move else kind.candidates
         self.state_dtype = tick_state_dtype(candidates)
         # Two: how far apart they are numba knows of one by its type, of several by their array.
         self.states = any_states(fresh_state(self.state_dtype, options.stiffness.diagonal(), options.modelled(), 2))
@@ -143,10 +146,6 @@ class TickWorkspace:
         """Return a point that a hand in the object, or in a body beside it, moves away from [m], world, shape (3,)."""
         surface = (self.surface, *self.beside)[body]
         return surface_of(surface).center(getattr(surface, "pieces", surface))
-
-    def block(self, method: Any, haptic: HapticBlock, record: TickRecord) -> tuple[Any, ...]:
-        """Return the arguments of `run_block`, for a loop that calls its machine code by itself."""
-        return method, self.hand, self.code, self.states, self.qp, haptic, record
 
 
 def fresh_state(dtype: np.dtype[Any], stiffness: FloatArray, modelled: BoolArray | bool, hands: int = 1) -> Any:
@@ -181,29 +180,22 @@ def zeroed(dtype: np.dtype[Any], count: int = 1) -> Any:
     return memory.view(np.recarray)
 
 
+Rows = TypeVar("Rows", HapticBlock, TickRecord)
+
+
+def of_hands(block: Rows, hands: int | slice) -> Rows:
+    """Return views of the arrays of one hand, or of some, which is the first axis."""
+    return type(block)._make(values[hands] for values in block)
+
+
+TICK_ROW = record_dtype(*TickRecord._fields)
+"""A row of `TickRecord`."""
+
+
 def tick_record(*ticks: int) -> TickRecord:
     """Allocate the record of so many ticks; of several hands, of as many hands with so many ticks each."""
-
-    def zeros(*shape: int, kind: Any = np.float64) -> Any:
-        return np.zeros((*ticks, *shape), kind)
-
-    return TickRecord(
-        status=zeros(kind=np.int64),
-        position=zeros(3),
-        orientation=zeros(4),
-        flexion=zeros(5, 3),
-        abduction=zeros(5),
-        joints=zeros(5, 4, 3),
-        phalanx=zeros(5, 3, 3),
-        fingertip_normal=zeros(5, 3),
-        palm_wrench=zeros(6),
-        total=zeros(3),
-        duration=zeros(4, kind=np.int64),
-        duration_total=zeros(kind=np.int64),
-        duration_cpu=zeros(kind=np.int64),
-        work=zeros(WORK_COUNTERS, kind=np.int64),
-        lag=zeros(),
-    )
+    rows = (TICK_ROW[name] for name in TickRecord._fields)
+    return TickRecord(*(np.zeros((*ticks, *row.shape), row.base) for row in rows))
 
 
 class ThreadTeam:

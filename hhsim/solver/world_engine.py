@@ -1,32 +1,28 @@
 """Engine of `coupled` and `progressive`: hands and bodies in one program, with friction and a table."""
 
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack
 from functools import cached_property
-from itertools import count
 from typing import Any
 
 import numpy as np
 
 from hhsim.arrays import FloatArray
 from hhsim.errors import InputError
-from hhsim.hand.model import palm_arrays
 from hhsim.hand.self_pairs import cross_pairs, self_pairs
 from hhsim.kernels.by_reference import write_rows
 from hhsim.kernels.contact.hand_pairs import NO_PAIRS, HandPairs, PairsCode, add_bends, do_pairs
-from hhsim.kernels.hand.kinematics import DOF, PALM_BODY, HandArrays
+from hhsim.kernels.hand.kinematics import DOF, PALM_BODY
 from hhsim.kernels.hand.pose import copy_configuration
 from hhsim.kernels.machine_code import code_of
 from hhsim.kernels.memory import copy_values
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.qp.active_set import new_work
 from hhsim.kernels.rotation import quaternion_to_matrix
-from hhsim.kernels.sphere_tree import TreeArrays
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_CAPACITY_EXCEEDED
 from hhsim.kernels.tick.step import ACTIVE_CAPACITY
-from hhsim.kernels.world.body import HINGE, OBJECT_DOF, SLIDER, Support
-from hhsim.kernels.world.edges import EDGE_PAIRS, Edges
+from hhsim.kernels.world.body import OBJECT_DOF
+from hhsim.kernels.world.edges import EDGE_PAIRS
 from hhsim.kernels.world.linearisation import write_other_pairs
 from hhsim.kernels.world.pairs import World
 from hhsim.kernels.world.record import WorldRecord
@@ -34,151 +30,103 @@ from hhsim.kernels.world.rows import SLACKS, friction_count
 from hhsim.kernels.world.second_order import correct
 from hhsim.kernels.world.state import MOST_BODIES, MOST_HANDS, world_dtype
 from hhsim.kernels.world.tick import REBUILD, run_many, tick_world
-from hhsim.reproducible import across, matmul, principal_axes
 from hhsim.result.schema import body_fields
-from hhsim.scene.body import Body, Driven, Fixed, HalfSpace, Joint
+from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
+from hhsim.scene.kernel_bodies import bearer_of, body_shapes, may_meet, write_body, write_joint
 from hhsim.solver.options import FREE, UNLIMITED, require_options
-from hhsim.solver.workspace import ThreadTeam, TickWorkspace, any_states, fresh_state, surface_code, tick_record, zeroed
-from hhsim.trees.contact_surface import ContactSurface, contact_surface
-from hhsim.trees.hierarchy import build_hierarchy
+from hhsim.solver.workspace import (
+    ThreadTeam,
+    TickWorkspace,
+    any_states,
+    fresh_state,
+    of_hands,
+    surface_code,
+    tick_record,
+    zeroed,
+)
+from hhsim.trees.contact_surface import contact_surface
 
-MOST_POINTS = 1024
-"""Most corners or spheres by which a body meets another one: as many as a palm may have."""
-FLAT = 1e-9
-"""Faces that turn by less than this at an edge go on in one plane, or are a groove."""
-BRANCHING = 8
-NO_SUPPORT = Support(np.zeros((0, 3)), np.zeros(0))
-NO_EDGES = Edges(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, 2, 3)))
-BELOW = 1e-6
-"""Largest depth [m] of an object in the table at the start: rounding."""
-HEAVY = 1e6
-"""Mass [kg] and moment of inertia [kg·m²] of a driven body: 100 N move it by 0.1 nm in a tick of 1 ms."""
-
-
-def support_of(surface: ContactSurface) -> Support:
-    """Return the points that can stand on a plane: the corners of the mesh's convex hull; spheres without a mesh."""
-    arrays, mesh = surface.arrays, surface.mesh
-    if mesh is not None:
-        from scipy.spatial import ConvexHull, QhullError
-
-        points = mesh.vertices[np.unique(mesh.faces)]
-        # All of its vertices where it is flat.
-        with suppress(QhullError):
-            points = points[np.sort(ConvexHull(points).vertices)]
-    elif isinstance(arrays, TreeArrays):
-        leaves = arrays.child_count == 0
-        points = np.stack([arrays.x[leaves], arrays.y[leaves], arrays.z[leaves]], axis=1)
-        return Support(points, np.array(arrays.radius[leaves]))
-    else:
-        points = arrays.vertex
-    return Support(np.ascontiguousarray(points), np.zeros(len(points)))
-
-
-def _as_palm(hand: HandArrays, surface: Any, center: FloatArray) -> HandArrays:
-    """Return a body as a palm about its centre: its leaf spheres, or the corners of its mesh."""
-    points, radius = support_of(ContactSurface(surface))
-    if len(points) > MOST_POINTS:
-        expected = f"expected up to {MOST_POINTS:,}, of a tree of a lower level, or the surface mesh"
-        raise InputError(f"a body beside others has {len(points):,} corners or spheres; {expected}")
-    level = next(level for level in count(1) if BRANCHING**level >= len(points))
-    return hand._replace(**palm_arrays(build_hierarchy(points - center, radius, level, BRANCHING), hand.length))
-
-
-def _edges_of(surface: Any, center: FloatArray) -> Edges:
-    """Return the convex edges of a mesh between two faces; none of spheres."""
-    if isinstance(surface, TreeArrays):
-        return NO_EDGES
-    first = surface.wing_start[:-1]
-    whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
-    first, second = first[whole], first[whole] + 1
-    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (first, second)], axis=1)
-    convex = (surface.wing[first] * normal[:, 1]).sum(axis=1) < -FLAT
-    edge = surface.edge[whole[convex]]
-    parts = edge[:, :3] - center, edge[:, 3:6], edge[:, 6], normal[convex]
-    return Edges(*(np.ascontiguousarray(part) for part in parts))
+START_LINEARISATIONS = 4000
+"""Most linearisations of the approach from a free place to the object, where the haptic hand starts inside it."""
 
 
 class WorldEngine:
     """Runs the ticks of one or two hands and of bodies, all in one program.
 
-    `ticks` is the record of the first body in the last ticks; `all_ticks` that of all bodies, None if there is but one.
-    The surface of the hands is that of `free`, of which `others` are beside, and the plane. Without it no body moves:
-    the states of the pairs are then those of the hands' workspaces.
+    The surface of the hands is that of the first body, which is free; further ones are beside it, and the plane.
+    Without bodies none moves: the states of the pairs are then those of the hands' workspaces.
     """
 
-    def __init__(
-        self,
-        workspace: TickWorkspace,
-        free: Body | None = None,
-        second: TickWorkspace | None = None,
-        others: Sequence[Body | HalfSpace] = (),
-    ) -> None:
-        if free is not None:
-            require_options(workspace.options, FREE)
-        self.workspace = workspace
-        self.bodies = () if free is None else (free, *(body for body in others if isinstance(body, Body)))
-        self.hands = (workspace,) if second is None else (workspace, second)
-        further = [contact_surface(workspace.options.surface, b.placed_mesh, b.placed_tree) for b in self.bodies[1:]]
-        surfaces = [ContactSurface(workspace.surface, (), workspace.mesh, workspace.tree), *further]
-        for hand in self.hands:
-            hand.beside = tuple(surface.arrays for surface in further)
-        hands, bodies = len(self.hands), len(surfaces)
-        if bodies > MOST_BODIES:
-            raise InputError(f"{bodies} bodies; expected up to {MOST_BODIES}")
+    alone: "tuple[WorldEngine, ...]" = ()
+    """Engine of each hand by itself, where it has one."""
+
+    def __init__(self, *hands: TickWorkspace, bodies: Sequence[Body | HalfSpace] = ()) -> None:
+        self.hands, self.workspace = hands, hands[0]
+        workspace, options = self.workspace, self.workspace.options
+        if bodies:
+            require_options(options, FREE)
+        self.bodies = tuple(body for body in bodies if isinstance(body, Body))
+        # Of the body that bears a body's joint, and the point about which that turns [m], world at the start.
+        self._bearers = [bearer_of(body, self.bodies) for body in self.bodies]
+        borne_by = zip(self.bodies, self._bearers)
+        self._centers = [body.pivot if on is None else np.array(body.solid.center) for body, on in borne_by]
+        made = [contact_surface(options.surface, body.placed_mesh, body.placed_tree) for body in self.bodies[1:]]
+        surfaces = [workspace.touched, *made]
+        count = len(surfaces)
+        if count > MOST_BODIES:
+            raise InputError(f"{count} bodies; expected up to {MOST_BODIES}")
         pairs, self._world = self._find_pairs(), zeroed(world_dtype())
         self.world = world = self._world[0]
-        problem, friction = world.problem, world.friction
+        problem, rows = world.problem, world.hand_pairs
         self.qp = new_work(len(problem.delta), len(problem.rhs))
-        springs, modelled = workspace.options.stiffness.diagonal(), workspace.options.modelled()
-        self._own: Any = None
-        if free is not None or second is not None:
-            self._own = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
-        supports = [support_of(surface) if body.is_free else NO_SUPPORT for body, surface in zip(self.bodies, surfaces)]
-        movers, edges = [hand.hand for hand in self.hands], [NO_EDGES]
-        if further:
-            placed = [(surface.arrays, self._center(body)) for body, surface in zip(self.bodies, surfaces)]
-            movers += [_as_palm(workspace.hand, *arguments) for arguments in placed]
-            edges = [_edges_of(*arguments) for arguments in placed]
-        codes = [hand.code for hand in self.hands]
-        if free is None:
-            for h, hand in enumerate(self.hands):
+        springs, modelled = options.stiffness.diagonal(), options.modelled()
+        # Of the pairs, as `any_states`.
+        self.states = workspace.states
+        if bodies or len(hands) > 1:
+            self.states = any_states(fresh_state(workspace.state_dtype, springs, modelled, pairs + 1))
+        for h, hand in enumerate(hands):
+            hand.beside = tuple(surface.arrays for surface in made)
+            if not bodies:
                 hand.states = self.states[h : h + 2]
-        else:
-            coded = [surface_code(surface.arrays, workspace.hand, workspace.state_dtype) for surface in further]
-            codes, self._written = [codes[0], *(code for _, code in coded)], [written for written, _ in coded]
-        self._made_of = (
-            filled(supports or [NO_SUPPORT], MOST_BODIES),
+        coded = [surface_code(of.arrays, workspace.hand, workspace.state_dtype) for of in made]
+        codes = [*(hand.code for hand in (hands[:1] if bodies else hands)), *(code for _, code in coded)]
+        self._written = [written for written, _ in coded]
+        supports, palms, edges = body_shapes(workspace.hand, self.bodies, surfaces, self._centers)
+        self._still = World(
+            workspace.tick_options,
+            filled(supports, MOST_BODIES),
+            self.states,
+            self._world,
             zeroed(EDGE_PAIRS, pairs),
-            filled(movers, MOST_HANDS + MOST_BODIES),
+            filled([hand.hand for hand in hands] + palms, MOST_HANDS + MOST_BODIES),
             filled(codes, MOST_BODIES),
             filled(edges, MOST_BODIES),
         )
-        self.thread_team = ThreadTeam(workspace.options.threads if second is None else 1, self.qp)
-        self.ticks, self.all_ticks = seen_ticks(whole_record(bodies, 0))
+        self.thread_team = ThreadTeam(options.threads if len(hands) == 1 else 1, self.qp)
         self._called: Any = None
         self._ticks = 0
-        self._name_pairs()
-        if free is None:
-            problem.surface[:hands] = range(hands)
-        problem.hands, problem.bodies, friction.room = hands, bodies, friction_count(bodies)
+        problem.hands, problem.bodies, world.friction.room = len(hands), count, friction_count(count)
         problem.slacks = 0
+        self._name_pairs()
         self._name_columns()
-        rows = self.world.hand_pairs
         rows.bound[:] = rows.floor[:] = -np.inf
-        rows.within[:] = np.inf, workspace.options.margin
+        rows.within[:] = np.inf, options.margin
         problem.inverse_root[:] = self.states[0].problem.inverse_root
-        for record in self.world.bodies[:bodies]:
-            record.period, record.orientation[0], record.moment[:] = workspace.options.period, 1.0, 1.0
+        for record in world.bodies[:count]:
+            record.period, record.orientation[0], record.moment[:] = options.period, 1.0, 1.0
             record.axes[:] = record.rotation[:] = np.eye(3)
-        plane = next((body for body in others if isinstance(body, HalfSpace)), None)
-        for k, (body, support, record) in enumerate(zip(self.bodies, supports, self.world.bodies)):
-            self._place(body, record, support, plane)
-            if body.free_joint is not None:
-                self._join(body.free_joint, k, record)
+        plane = next((body for body in bodies if isinstance(body, HalfSpace)), None)
+        for k, (body, support, record) in enumerate(zip(self.bodies, supports, world.bodies)):
+            write_body(record, body, self._centers[k], support, plane, options.offset)
+            if (joint := body.free_joint) is not None:
+                on = self._bearers[k]
+                write_joint(record, body, joint, None if on is None else self._pairs.index((0, k, on)))
+                if on is not None and joint.friction > 0.0:
+                    problem.slacks = SLACKS
             # As if the tick before had ended with these velocities: by them it is foreseen what slips.
             column = problem.column[k]
             step = record.period * np.concatenate([record.velocity, record.spin])
-            self.world.safe_total[column : column + 6] = step
+            world.safe_total[column : column + 6] = step
 
     @cached_property
     def method(self) -> World:
@@ -193,8 +141,7 @@ class WorldEngine:
         options = options._replace(pairs=pairs_code)
         if workspace.options.self_contact or not self.bodies:
             options = options._replace(correcting=code_of(correct, options, states, world, self.qp))
-        supports, edge_pairs, movers, codes, edges = self._made_of
-        method = World(options, supports, states, self._world, edge_pairs, movers, codes, edges)
+        method = self._still._replace(options=options)
         code: dict[str, Any] = {}
         if self.bodies:
             from hhsim.kernels.world.bodies import do_bodies
@@ -214,7 +161,7 @@ class WorldEngine:
             from hhsim.solver.qp import backend_code
 
             code["solver"], self._called = backend_code(method, workspace.options.qp)
-        if self.parts_move and len(self.hands) == 1:
+        if workspace.parts_move and len(self.hands) == 1:
             from hhsim.kernels.parts.tick import give_way
 
             parts = workspace.surface.motion
@@ -235,16 +182,6 @@ class WorldEngine:
         first, second = self.hands[0].hand, self.hands[-1].hand
         return HandPairs(hand, part, len(self.hands), first, second, self.states, self._world["hand_pairs"])
 
-    @property
-    def states(self) -> Any:
-        """States of the pairs, of `any_states`; of a hand beside what stands still those of its workspace."""
-        return self.workspace.states if self._own is None else self._own
-
-    @property
-    def parts_move(self) -> bool:
-        """True for a surface of parts that move as they were recorded."""
-        return isinstance(self.workspace.surface, JointedSurface)
-
     def _name_columns(self) -> None:
         """Give each palm and each body that moves its columns; a fixed body has those behind all others."""
         problem = self.world.problem
@@ -260,114 +197,30 @@ class WorldEngine:
         """Find the pairs, the hands and the first body first; return how many."""
         hands, bodies = range(len(self.hands)), range(len(self.bodies))
         self._pairs = [(h, -1, 0) for h in hands] + [(h, -1, k) for h in hands for k in bodies[1:]]
-        for other, mover in enumerate(self.bodies):
-            bearer = self._bearer(mover)
-            self._pairs += [(0, other, k) for k in bodies if k == bearer or self._may_meet(mover, self.bodies[k])]
+        for other, one in enumerate(self.bodies):
+            on = self._bearers[other]
+            self._pairs += [(0, other, k) for k in bodies if k == on or may_meet(one, self.bodies[k])]
         return len(self._pairs)
 
     def _name_pairs(self) -> None:
         """Write to the program which hand, bodies and surface each pair has."""
         problem, count = self.world.problem, len(self._pairs)
         problem.hand[:count], problem.other[:count], problem.body[:count] = np.array(self._pairs).T
-        problem.surface[:count], problem.pairs = problem.body[:count], count
+        problem.surface[:count], problem.pairs = problem.body[:count] if self.bodies else problem.hand[:count], count
         for state, (_, other, body) in zip(self.states, self._pairs):
             if other >= 0:
                 state.modelled[:] = False
-                state.modelled[PALM_BODY] = self._may_meet(self.bodies[other], self.bodies[body])
-
-    @staticmethod
-    def _may_meet(body: Body, other: Body) -> bool:
-        """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
-        if body is other:
-            return False
-        joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((body, other), (other, body)))
-        return not joined and (body.is_free or other.is_free)
-
-    def _bearer(self, body: Body) -> int | None:
-        """Return the number of the body that bears a body's joint; None for a fixed one, or the world."""
-        on = body.free_joint.on if body.free_joint else ""
-        return next((k for k, other in enumerate(self.bodies) if other.name == on and other.motion != Fixed()), None)
+                state.modelled[PALM_BODY] = may_meet(self.bodies[other], self.bodies[body])
 
     def _driven(self, ticks: int) -> FloatArray:
         """Return position [m] and orientation of each body's centre in the next ticks, (K, B, 7), 0 unless driven."""
-        poses = self._still(ticks)
-        for pose, body in zip(poses, self.bodies):
+        poses = np.zeros((max(1, len(self.bodies)), ticks, 7))
+        for pose, body, center in zip(poses, self.bodies, self._centers):
             if isinstance(body.motion, Driven):
                 rows = np.minimum(self._ticks + np.arange(ticks), len(body.motion.poses.position) - 1)
                 motion = body.motion.poses.since(body.position, body.orientation).at(rows)
-                pose[:, :3], pose[:, 3:] = motion.points(np.tile(self._center(body), (ticks, 1))), motion.turn
-        self._ticks += ticks
+                pose[:, :3], pose[:, 3:] = motion.points(np.tile(center, (ticks, 1))), motion.turn
         return poses
-
-    def _still(self, ticks: int) -> FloatArray:
-        return np.zeros((max(1, len(self.bodies)), ticks, 7))
-
-    def _center(self, body: Body) -> FloatArray:
-        """Return the point about which a body turns [m], world at the start, shape (3,)."""
-        return body.pivot if self._bearer(body) is None else np.array(body.solid.center)
-
-    def _place(self, body: Body, record: Any, support: Support, plane: HalfSpace | None) -> None:
-        free, period = body.solid, self.workspace.options.period
-        # Right-handed, or the gyroscopic term would have the other sign.
-        moment, axes = principal_axes(free.inertia)
-        fixed, record.is_driven = body.motion == Fixed(), isinstance(body.motion, Driven)
-        record.is_free = not fixed
-        record.center[:] = record.position[:] = self._center(body)
-        record.axes[:] = axes.T
-        record.moment[:] = moment
-        # Damping at the end of the step weighs as mass: forces balance as they would without it.
-        damped = 0.0 if fixed else period / np.sqrt(1.0 + free.damping * period)
-        record.inverse_root[:3] = damped / np.sqrt(free.mass)
-        record.inverse_root[3:] = damped / np.sqrt(moment)
-        record.gravity[:] = free.gravity
-        record.damping = free.damping
-        record.friction = record.table_friction = body.friction
-        record.torsion = body.torsion
-        if record.is_driven:
-            record.inverse_root[:] = period / np.sqrt(HEAVY)
-        record.velocity[:] = free.velocity
-        record.spin[:] = matmul(axes.T, free.angular_velocity)
-        if plane is None:
-            return
-        record.table_friction = body.friction if plane.friction is None else plane.friction
-        if not body.is_free:
-            return
-        record.has_table, record.table = True, plane.height
-        lowest = float((support.point[:, 2] - support.radius).min()) - record.table
-        if lowest < -BELOW:
-            depth, height = f"{-1e3 * lowest:.3g} mm below", f"z = {1e3 * (lowest + record.table):.6g} mm or lower"
-            raise InputError(f"the object begins {depth} the table: put the table at {height}")
-        record.position[2] += max(0.0, self.workspace.options.offset - lowest)
-
-    def _join(self, joint: Joint, k: int, body: Any) -> None:
-        """Let a body move about or along the axis of its joint alone, in the world or against the one that bears it."""
-        jointed, axis, turns = self.bodies[k], joint.direction, joint.type == "hinge"
-        free, axes = jointed.solid, np.vstack([across(axis), axis])
-        body.limits[:] = jointed.limits or (-np.inf, np.inf)
-        body.joint_friction = joint.friction
-        if (bearer := self._bearer(jointed)) is not None:
-            body.pair, body.pair_joint = self._pairs.index((0, k, bearer)), HINGE if turns else SLIDER
-            body.joint_origin[:] = joint.origin if turns else free.center
-            body.joint_axes[:] = axes
-            if joint.friction > 0.0:
-                self.world.problem.slacks = SLACKS
-            return
-        body.axes[:] = axes
-        if not turns:
-            body.joint = SLIDER
-            body.inverse_root[3:] = body.spin[:] = 0.0
-            for vector in (body.gravity, body.velocity):
-                vector[:] = (axis * vector).sum() * axis
-            return
-        body.joint = HINGE
-        body.lever[:] = free.center - jointed.pivot
-        moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
-        body.moment[:] = moment
-        body.inverse_root[:] = 0.0
-        body.inverse_root[5] = body.period / np.sqrt((1.0 + free.damping * body.period) * moment)
-        body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
-        body.gravity[:] = body.velocity[:] = 0.0
-        body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
 
     def begin(self) -> None:
         """See `Engine.begin`; the graphic hand stands in the workspace as the object sees it."""
@@ -397,8 +250,8 @@ class WorldEngine:
         """Machine code of a tick of all, see `kernels.machine_code`."""
         return code_of(tick_world, self.method, self.qp, 0)
 
-    def approach(self, linearisations: int) -> None:
-        """Bring the hands from free places as near to the user's as so many linearisations of one tick can.
+    def approach(self) -> None:
+        """Bring the hands from free places as near to the user's as many linearisations of one tick can.
 
         It is beside bodies that stand still and do not rub. Raises HhsimError where more pairs were near than fit.
         """
@@ -411,9 +264,10 @@ class WorldEngine:
         self.begin()
         goals, record = [hand.states[0].haptic for hand in self.hands], tick_record(len(self.hands), 1)
         haptic = HapticBlock(*(np.stack([goal[name] for goal in goals])[:, None] for name in HapticBlock._fields))
-        options = self.method.options._replace(linearisations=linearisations, budget=UNLIMITED, snap_step=np.inf)
+        options = self.method.options._replace(linearisations=START_LINEARISATIONS, budget=UNLIMITED, snap_step=np.inf)
         method = self.method._replace(options=options, parts_tick=0)
-        self._run(method, haptic, record, self._still(1))
+        own = whole_record(len(self.bodies), 1)
+        run_many(method, self.qp, haptic, record, own, self._driven(1), self.code)
         if record.status[0, 0] & STATUS_CAPACITY_EXCEEDED:
             raise self.workspace.full()
         for state, hand in zip(self.states, self.hands):
@@ -421,40 +275,47 @@ class WorldEngine:
         bodies[:], problem.slacks, world.safe_total[:] = kept, slacks, total
         self.begin()
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """Return the kernel of the next ticks, and its arguments, which have these arrays."""
+        driven = self._driven(haptic.position.shape[1])
+        return run_many, (self.method, self.qp, haptic, record, bodies, driven, self.code)
+
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         """See `Engine.run`."""
-        written: Any = (values[None] for values in record)
-        return self.run_many(HapticBlock(*(values[None] for values in haptic)), TickRecord(*written))
-
-    def run_many(self, haptic: HapticBlock, record: TickRecord) -> int:
-        """Run the ticks of all hands, which are the first axis, and bodies, whose program is one; return those done."""
-        done, own = self._run(self.method, haptic, record, self._driven(haptic.position.shape[1]))
-        if self.bodies:
-            self.ticks, self.all_ticks = seen_ticks(own)
-        return done
-
-    def _run(
-        self, method: World, haptic: HapticBlock, record: TickRecord, driven: FloatArray
-    ) -> tuple[int, WorldRecord]:
-        """Run ticks by a method; return those done, and the record of the bodies."""
-        own = whole_record(len(driven), haptic.position.shape[1] if self.bodies else 0)
-        if self.thread_team.works:
-            # Compiled before there are helpers, which would look on, each on a processor of its own.
-            none = HapticBlock(*(values[:, :0] for values in haptic))
-            run_many(method, self.qp, none, record, own, driven, self.code)
-        with self.thread_team.at_work(method):
-            done = int(run_many(method, self.qp, haptic, record, own, driven, self.code))
+        kernel, arguments = self.call(haptic, record, bodies)
+        # Compiled before there are helpers, which would look on, each on a processor of its own.
+        ticks = kernel.entry(*arguments)
+        with ExitStack() as helped:
+            for engine in (self, *self.alone):
+                helped.enter_context(engine.thread_team.at_work(engine.method))
+            done = int(ticks(*arguments))
+        self._ticks += haptic.position.shape[1]
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
-        return done, own
+        return done
 
-    def call(
-        self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord, compiled: bool = True
-    ) -> tuple[Any, tuple[Any, ...]]:
-        """Return the kernel of ticks beside which nothing is driven, None where Python solves, and its arguments."""
-        still, code = self._still(len(haptic.position[0])), self.code if compiled else 0
-        arguments = self.method, self.qp, haptic, record, bodies, still, code
-        return run_many if compiled else None, arguments
+
+class HandsApart(WorldEngine):
+    """Runs the ticks of two hands by themselves, and again together where they might have met."""
+
+    def __init__(self, *hands: TickWorkspace) -> None:
+        super().__init__(*hands)
+        self.alone = tuple(WorldEngine(hand) for hand in hands)
+
+    def begin(self) -> None:
+        """See `Engine.begin`."""
+        for engine in self.alone:
+            engine.begin()
+        if self.world.is_near:
+            super().begin()
+
+    def call(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> tuple[Any, tuple[Any, ...]]:
+        """See `WorldEngine.call`."""
+        from hhsim.kernels.world.side_by_side import run_hands_apart
+
+        alone = tuple(engine.method for engine in self.alone)
+        given, written = (of_hands(haptic, 0), of_hands(haptic, 1)), (of_hands(record, 0), of_hands(record, 1))
+        return run_hands_apart, (alone, self.method, given, written, self.workspace.parts_move, self.qp, self.code)
 
 
 def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
@@ -463,39 +324,8 @@ def filled(values: Sequence[Any], count: int) -> tuple[Any, ...]:
 
 
 def whole_record(bodies: int, ticks: int) -> WorldRecord:
-    """Allocate the record of all bodies in a block of ticks."""
+    """Allocate the record of all bodies in a block of ticks; without bodies it has no ticks."""
     # As many rows as there are in all: those of a tick may follow on those of the ticks before it.
-    fields = body_fields(bodies, ticks, ticks * ACTIVE_CAPACITY)
+    ticks = ticks if bodies else 0
+    fields = body_fields(max(1, bodies), ticks, ticks * ACTIVE_CAPACITY)
     return WorldRecord(**{name: np.zeros(shape, kind) for name, kind, shape in fields})
-
-
-def seen_ticks(record: WorldRecord) -> tuple[WorldRecord, WorldRecord | None]:
-    """Return the record of the first body, and of all if there are several."""
-    return (of_first(record), record) if len(record.turn) > 1 else (record.bodies[0], None)
-
-
-def of_first(record: WorldRecord) -> WorldRecord:
-    """Return the record of the first body with its own contacts; other bodies count as the table does.
-
-    Where it meets another body `body` is -2 less that one's number, and normal and forces are on the first body.
-    """
-    first = record.bodies[0]
-    count = int(first.contact[-1])
-    other = -2 - first.body[:count]
-    on_first, by_first = record.contact_body[:count] == 0, other == 0
-    chosen = np.flatnonzero(on_first | by_first)
-    # Where another body touches the first one, what is stated is on the other.
-    sign = np.where(on_first & (other >= 0), -1.0, 1.0)[chosen, None]
-    tick = np.repeat(np.arange(len(first.turn)), np.diff(first.contact))[chosen]
-    body = np.where(by_first, -2 - record.contact_body[:count], first.body[:count])[chosen]
-    rows = {name: getattr(first, name)[chosen] for name in ("normal_force", "torsional_moment", "slip")}
-    point = np.where(by_first[:, None], record.other_point[:count], first.point[:count])[chosen]
-    return first._replace(
-        **rows,
-        point=point,
-        body=body,
-        normal=sign * first.normal[chosen],
-        friction_force=sign * first.friction_force[chosen],
-        contact=np.searchsorted(tick, np.arange(len(first.turn) + 1)),
-        table_wrench=first.table_wrench + first.body_wrench,
-    )

@@ -26,8 +26,8 @@ from hhsim.motion.csv_file import POSE_COLUMNS, format_csv
 from hhsim.motion.trajectory import ObjectMotion, Trajectory
 from hhsim.scene.body import Body, Fixed
 from hhsim.scene.described_scene import LoadedWords, SceneWords, load_words
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.scene import Scene
-from hhsim.solver.scene_solver import engine_scene
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, add_inertial, hand_mjcf, joint_angles, numbers
 from hhsim.submissions.pose_file import Submission, format_poses
 from hhsim.system.settings_file import typed

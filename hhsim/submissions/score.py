@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, compress
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -20,26 +20,27 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import PlacedHand, forward_kinematics, hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import rotation_matrix
-from hhsim.kernels.parts.surface import JointedSurface
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.metrics.field.hands import Bodies
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.metrics.metrics import hand_clearance
 from hhsim.metrics.run_metric import Figure
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
+from hhsim.replay.reference import best_hands
 from hhsim.replay.replay import Replay
 from hhsim.replay.summary import ReplaySummary
 from hhsim.replay.summary_table import SummaryRow, short_table
 from hhsim.replay.verdict import STATED_TIMES
 from hhsim.result.writer import add_document
 from hhsim.scene.body import Body, Driven
+from hhsim.scene.engine_scene import EngineScene, engine_scene, seen_hand
 from hhsim.scene.overlap import Solid, overlap
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import best_hands
-from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method, known_for_now
+from hhsim.solver.method import FORCES, SUBMITTED, TIMES, Method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene, OutsideEngine, TickAnswer
-from hhsim.solver.scene_solver import EngineScene, SceneSolver, engine_scene, seen_hand
+from hhsim.solver.solver import SceneSolver
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.submissions.pose_file import Submission
 from hhsim.submissions.scene_folder import SCENE_FILE, free_bodies, named_scene, scene_digest, scene_names, scene_title
@@ -76,7 +77,7 @@ BODY_DEPTH = Figure("body_depth_max", "bodies in each other, max", 3, "mm")
 # Depth of the hand in the mesh; undefined if the mesh encloses nothing.
 MESH_DEPTH = Figure("mesh_depth_max", "in the mesh, max", 3, "mm")
 # Distance of the fingertips and the palm from the pose of least coupling energy outside the mesh
-# (`hhsim.solver.hand_solver.best_hands`), the largest of each tick in contact.
+# (`hhsim.replay.reference.best_hands`), the largest of each tick in contact.
 OFF_BEST = Figure("off_best_mean", "off the least-energy pose, mean", 3, "mm")
 OFF_BEST_MAX = Figure("off_best_max", "off the least-energy pose, max", 3, "mm")
 
@@ -354,12 +355,12 @@ def scene_of(submission: Submission, folder: Path | None = None) -> Scene:
         raise InputError(f"the scene of {who} cannot be made again: {error}") from error
 
 
-def submitted_method(name: str, submission: Submission) -> Method:
-    """Return a method of this name that answers each tick of a replay with the poses that were submitted for it."""
+def submitted_method(submission: Submission) -> Method:
+    """Return a method that answers each tick of a replay with the poses that were submitted for it."""
     given = {FORCES: submission.phalanx_force, TIMES: submission.duration}
     return Method(
         summary="poses that were computed elsewhere",
-        engine=cast(Any, partial(_SubmittedEngine, name, submission)),
+        engine=partial(_SubmittedEngine, submission),
         # A submission is expected to stay outside: a depth above the limit is no success.
         never_penetrates=True,
         gives=frozenset(what for what, values in given.items() if values is not None),
@@ -397,22 +398,21 @@ def score(
     given = submission
     if seen.carrier and submission.bodies:
         given = as_seen(submission, seen.carrier.since(*seen.carrier.at(0)))
-    name = f"{SUBMITTED}{submission.method}"
-    with known_for_now(name, submitted_method(name, given)):
-        options = SolverOptions(method=name, surface=surface)
-        file = submission.path.name if submission.path else ""
-        said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
-        # Of what is free poses are sent: nothing else in the file says where it goes.
-        said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
-        summaries = Replay(SceneSolver(shown, options), {"submission": said}).into(output_path, command, progress)
-        progress("the best poses", 0, 1)
-        hands = dict[str, HandScore]()
-        for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
-            placed = forward_kinematics(hand.model, *own.poses)
-            off_best = _off_best(seen, hand.model, haptic, options.at_rate(scene.ticks.rate), placed)
-            values = (_mesh_depth(seen, hand.model, placed), *off_best)
-            errors = dict(zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), values, strict=True))
-            hands[hand.model.side] = HandScore(summary, errors)
+    options = SolverOptions(method=f"{SUBMITTED}{submission.method}", surface=surface)
+    file = submission.path.name if submission.path else ""
+    said = {"method": submission.method, "file": file, "scene": digest, "suspicions": list(doubts)}
+    # Of what is free poses are sent: nothing else in the file says where it goes.
+    said |= {"bodies": list(submission.bodies)} if submission.bodies else {}
+    solver = SceneSolver(shown, options, submitted_method(given))
+    summaries = Replay(solver, {"submission": said}).into(output_path, command, progress)
+    progress("the best poses", 0, 1)
+    hands = dict[str, HandScore]()
+    for hand, own, haptic, summary in zip(shown.hands, given.hands, seen.haptic, summaries, strict=True):
+        placed = forward_kinematics(hand.model, *own.poses)
+        off_best = _off_best(seen, hand.model, haptic, solver.options, placed)
+        values = (_mesh_depth(seen, hand.model, placed), *off_best)
+        errors = dict(zip((MESH_DEPTH, OFF_BEST, OFF_BEST_MAX), values, strict=True))
+        hands[hand.model.side] = HandScore(summary, errors)
     several = submission.bodies and len(scene.bodies) > 1
     bodies = {BODY_DEPTH: body_depth(scene, shown)} if several else {}
     known = {side: _finite(of.errors) for side, of in hands.items()}
@@ -428,25 +428,24 @@ def _finite(values: Mapping[Figure, float]) -> dict[str, Any]:
 class _SubmittedEngine(OutsideEngine):
     """Engine that answers each tick with the pose and the time that were submitted for it."""
 
-    def __init__(self, name: str, submission: Submission, workspace: TickWorkspace) -> None:
+    def __init__(self, submission: Submission, workspace: TickWorkspace) -> None:
         side = workspace.model.side
         submission = next(hand for hand in submission.hands if hand.hand in ("", side))
         made = partial(_SubmittedPoses, submission)
-        super().__init__(name, made, submission.phalanx_force is not None, workspace)
+        super().__init__(made, submission.phalanx_force is not None, workspace)
         self.duration = submission.duration
 
     def _tick(self, sample: HandConfiguration, i: int, record: TickRecord) -> None:
-        surface = self.workspace.surface
-        if isinstance(surface, JointedSurface):
-            put_parts(surface, surface.motion.path[self.ticks])
+        if self.workspace.parts_move:
+            put_parts(self.workspace.surface, self.workspace.surface.motion.path[self.ticks])
         super()._tick(sample, i, record)
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         first = self.ticks
-        done = super().run(haptic, record)
+        done = super().run(haptic, record, bodies)
         took = np.zeros(done) if self.duration is None else np.round(1e9 * self.duration[first : first + done])
         # The time of looking a pose up here is no time of the method.
-        record.duration_total[:done] = record.duration_cpu[:done] = took
+        record.duration_total[0, :done] = record.duration_cpu[0, :done] = took
         return done
 
 

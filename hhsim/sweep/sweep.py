@@ -25,7 +25,7 @@ from hhsim.replay.summary import ReplaySummary, digits_with, repeated_document
 from hhsim.result.writer import add_document
 from hhsim.scene.described_scene import described_scene
 from hhsim.scene.scene import Scene
-from hhsim.solver.hand_solver import warm_up
+from hhsim.solver.solver import warm_up
 from hhsim.sweep.engines import Task, TaskEnd, TaskFolder, require_dask, run_to_end
 from hhsim.sweep.input_files import CHANGED, LostFileError, ReadFile, source_digest
 from hhsim.sweep.plan import OF_THE_SCENE, Cell, SweepPlan

@@ -30,7 +30,7 @@ from hhsim.scene.scene import Scene
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import SceneSolver
 from hhsim.system.hdf5_input import open_hdf5
 from hhsim.system.progress import Progress
 from hhsim.verify.claim import FAILS, NOT_JUDGED, Claim, all_true

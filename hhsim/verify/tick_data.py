@@ -10,7 +10,7 @@ from hhsim.arrays import BoolArray, FloatArray, IntArray
 from hhsim.mesh.mesh import Mesh
 from hhsim.result.reader import Result
 from hhsim.result.schema import HANDS_APART
-from hhsim.solver.method import never_penetrates
+from hhsim.solver.method import methods_that
 from hhsim.system.counted import counted
 from hhsim.verify.contacts import Pairs, Pieces, joined, meetings, meetings_of_two, near_pairs, parts_that_may_meet
 from hhsim.verify.file_checks import usable
@@ -86,7 +86,7 @@ class JudgedTicks:
         self.diagonal = np.repeat([g["translation"], g["rotation"], g["flexion"]], [3, 3, 15]).astype(np.float64)
         self.scale = np.sqrt(g["translation"] / self.diagonal)
         # Whether the method promises that nothing penetrates, and the hand touched triangles.
-        self.safe, self.on_mesh = never_penetrates(self.options["method"]), result.surface == "mesh"
+        self.safe, self.on_mesh = self.options["method"] in methods_that("never_penetrates"), result.surface == "mesh"
         self.self_contact = bool(self.options.get("self_contact", False))
         keeps_apart = result.body.is_free or result.scene.get(HANDS_APART)
         self.other = result.other if keeps_apart else None  # other of two hands that keep apart

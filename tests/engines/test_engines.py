@@ -19,10 +19,10 @@ from hhsim.hand.quaternion import quaternion, quaternion_product, rotation_matri
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.catalogue import load_object
 from hhsim.scene.scene import open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import declared_methods, find_method
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.outside_method import MethodScene
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
 
 ENGINES = sorted(name for name, entry in declared_methods().items() if entry.value.startswith("hhsim.engines."))

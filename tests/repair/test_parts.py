@@ -39,9 +39,9 @@ from hhsim.result.body import result_hand
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, tree_maker
-from hhsim.solver.scene_solver import engine_scene
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 from hhsim.verify.mesh_distance import TrueSurface

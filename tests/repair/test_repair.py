@@ -209,13 +209,13 @@ def test_a_name_that_does_not_fit_is_told_before_the_work(tmp_path: Path, out: s
 def test_a_full_disk_leaves_nothing_and_names_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, seen = recorded(tmp_path), list[Path]()
 
-    def full(scene: Any, options: Any, path: Path, **others: Any) -> None:
+    def full(replay: Any, path: Path, *others: Any) -> None:
         seen.extend(path.parent.glob("[!.]*"))
         error = OutputError(f"cannot write {path}: No space left on device")
         error.add_note(f"the 512 ticks so far are in {path} (complete = 0)")
         raise error
 
-    monkeypatch.setattr("hhsim.repair.repair.replay_scene", full)
+    monkeypatch.setattr("hhsim.repair.repair.Replay.into", full)
     with pytest.raises(OutputError) as caught:
         repair_recording(RepairRequest(path, "sphere", tmp_path / "free.npz", read=OPTIONS))
     assert str(caught.value) == f"cannot write {tmp_path / 'free-result.h5'}: No space left on device"

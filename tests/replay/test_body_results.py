@@ -31,10 +31,11 @@ from hhsim.result.reader import Result, load_hand, load_result
 from hhsim.result.schema import BETWEEN_COLUMNS, SCHEMA_VERSION
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.described_scene import SceneWords, described_scene, two_handed_motions
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, open_scene, require_one_object, tree_maker
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver, engine_scene
+from hhsim.solver.solver import SceneSolver
 from hhsim.verify.free_object_checks import free_claims
 
 MESH = SolverOptions(surface="mesh")

@@ -25,10 +25,9 @@ from hhsim.replay.summary import ReplaySummary
 from hhsim.result.reader import CHUNK_TICKS, Result, load_result
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import Scene, make_scene
-from hhsim.solver import scene_solver
-from hhsim.solver.hand_solver import HandSolver, WarmUp
+from hhsim.solver import solver as solvers
 from hhsim.solver.options import UNLIMITED, SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import HandSolver, SceneSolver, WarmUp
 from hhsim.trees.triangle_tree import coarsest_sphere_tree
 from tools.shapes.generators import sphere
 
@@ -84,7 +83,7 @@ def test_kernels_are_prepared_before_the_first_tick(
     scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
-    prepare, go = scene_solver.warm_up, SceneSolver.run
+    prepare, go = solvers.warm_up, SceneSolver.solve
 
     def prepared(*words: Any, **given: Any) -> WarmUp:
         done.append("prepared")
@@ -94,8 +93,8 @@ def test_kernels_are_prepared_before_the_first_tick(
         done.append("ticks")
         return go(solver, ticks)
 
-    monkeypatch.setattr(scene_solver, "warm_up", prepared)
-    monkeypatch.setattr(SceneSolver, "run", run)
+    monkeypatch.setattr(solvers, "warm_up", prepared)
+    monkeypatch.setattr(SceneSolver, "solve", run)
     with pytest.raises(KeyboardInterrupt):
         replay_scene(scene, SolverOptions(), tmp_path / "a.h5", progress=stop_at(CHUNK_TICKS))
     assert done == ["prepared", "ticks"]

@@ -17,9 +17,9 @@ from hhsim.mesh.catalogue import body_file_names, names_a_body_file
 from hhsim.scene.body import BodySettings, Driven, Fixed, Free, Joint
 from hhsim.scene.declared_bodies import DeclaredBodies, load_object
 from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
-from hhsim.solver.scene_solver import engine_scene
 
 TWO = """
 [[body]]

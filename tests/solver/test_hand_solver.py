@@ -21,7 +21,7 @@ from cli.replay import command as replay
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.parallel.thread_team import NUMBER_SHIFT, TICKET
-from hhsim.kernels.tick.block import TickRecord
+from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.force import ease_forces
 from hhsim.kernels.tick.state import (
     STATUS_INPUT_INVALID,
@@ -41,9 +41,9 @@ from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
 from hhsim.scene.motion_catalogue import load_script
 from hhsim.scene.scene import make_scene, open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, SolverOptions
-from hhsim.solver.workspace import tick_options
+from hhsim.solver.solver import HandSolver
+from hhsim.solver.workspace import tick_options, tick_record
 from hhsim.trees.sphere_tree import SphereTree
 from hhsim.verify.verify import verify
 
@@ -107,6 +107,9 @@ def test_the_same_input_gives_the_same_bytes_in_blocks_of_any_size(method: str, 
     for size in (1, 7, 512):
         solver = HandSolver(RIGHT, tree, options)
         assert_same_bytes(joined([solver.run(*motion.part(k, k + size)) for k in range(0, 540, size)]), whole)
+    solver, record = HandSolver(RIGHT, tree, options), tick_record(540)
+    assert solver.begin(HapticBlock(*motion)) == 0 and solver.tick(HapticBlock(*motion), record) == whole.status[-1]
+    assert_same_bytes(record, whole)
 
 
 def test_frozen_input_comes_to_rest() -> None:

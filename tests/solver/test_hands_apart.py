@@ -19,10 +19,10 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.metrics.metrics import distance_of_hands, hand_clearance
 from hhsim.motion.analytic_motion import random_targets, still
 from hhsim.scene.body import Body
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES, surface_of
 from hhsim.solver.options import SolverOptions, Stiffness
-from hhsim.solver.scene_solver import WorldSolver
+from hhsim.solver.solver import HandSolver, Solver
+from hhsim.solver.workspace import TickWorkspace
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.mesh_distance import CLOSE, TrueSurface
 
@@ -174,17 +174,17 @@ class Pressed:
         stiffness = Stiffness(SPRING, 1e4, 1e4)
         options = SolverOptions(surface="mesh", fingers=("index",), stiffness=stiffness)
         surface = contact_surface("mesh", body.mesh, None)
-        self.solver = WorldSolver([HandSolver(tongs(), surface, options) for _ in range(2)], body)
-        engine: Any = self.solver.engine
+        self.solver = Solver([TickWorkspace(tongs(), surface, options) for _ in range(2)], [body])
+        engine: Any = self.solver.engines[0]
         self.bodies = engine.world.bodies
         self.way = pressing(60)
-        self.solver.run(*self.way)
+        self.solver.solve(*self.way)
 
     def load(self, weight: float, ticks: int) -> tuple[Any, Any]:
         """Run some ticks with a weight [N]; the records of both hands, and the object's."""
         self.bodies[0].gravity[2] = -weight / MASS
         held = [one.part(-1).hold(ticks - 1) for one in self.way]
-        return self.solver.run(*held), self.solver.object_ticks
+        return self.solver.solve(*held), self.solver.object_ticks
 
 
 def test_a_block_hangs_between_two_hands_by_their_friction_and_slides_beyond_it() -> None:
@@ -213,10 +213,11 @@ def run_both(
     """Run both hands, at a surface or at a free box; they are returned as that sees them."""
     if free is not None:
         surface = contact_surface("mesh", free.mesh, None)
-    solver = WorldSolver([HandSolver(hand, surface, options_at(surface, **options)) for hand in HANDS], free)
+    spaces = [TickWorkspace(hand, surface, options_at(surface, **options)) for hand in HANDS]
+    solver = Solver(spaces, [] if free is None else [free])
     records: list[list[TickRecord]] = [[], []]
     for first in range(0, len(motions[0].position), 100):
-        for kept, found in zip(records, solver.run(*(motion.at(slice(first, first + 100)) for motion in motions))):
+        for kept, found in zip(records, solver.solve(*(motion.at(slice(first, first + 100)) for motion in motions))):
             kept.append(found)
     one, two = (TickRecord._make(np.concatenate(values) for values in zip(*kept)) for kept in records)
     return one, two

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from free_scenes import all_ticks, body_of, box, far_hand, solver_of
+from free_scenes import body_of, box, far_hand, solver_of
 from msgspec import structs
 from scipy.integrate import solve_ivp
 
@@ -21,11 +21,11 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.metrics.moving_parts import MovingParts, TouchedObject
 from hhsim.motion.analytic_motion import still
 from hhsim.scene.body import Body, Fixed, Joint
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.motion_catalogue import resolve_trajectory
 from hhsim.scene.scene import open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import engine_scene
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.triangle_tree import triangle_tree
 
@@ -155,7 +155,7 @@ def test_a_stone_on_a_cart_is_carried_along_by_friction_and_takes_its_share_of_t
     others = body_of(rail, "rail", friction=0.5, moves=Fixed()), body_of(stone, "stone", mass=0.2, friction=0.5)
     solver = solver_of(cart((0.3, 0.0, 0.0), axis=(1.0, 0.0, 0.0), on="rail"), others=others)
     record = solver.run(*far_hand(200))
-    ticks = all_ticks(solver)
+    ticks = solver.solver.all_ticks
     of_cart, _, of_stone = ticks.bodies
     assert not record.status.any(), "it goes through the rail that bears it"
     speeds = of_cart.velocity[:, 0], of_stone.velocity[:, 0]
@@ -181,7 +181,7 @@ def run_pair(ticks: int, **of_first: Any) -> tuple[Any, tuple[Body, Body]]:
     solver = solver_of(first, others=[second])
     record = solver.run(*far_hand(ticks))
     assert not record.status.any()
-    return all_ticks(solver), (first, second)
+    return solver.solver.all_ticks, (first, second)
 
 
 def energy_of(record: Any, bodies: tuple[Body, Body]) -> FloatArray:

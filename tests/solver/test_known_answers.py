@@ -20,8 +20,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default("right")

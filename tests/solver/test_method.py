@@ -21,10 +21,11 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import HapticBlock, TickRecord
 from hhsim.kernels.tick.state import STATUS_START_INSIDE, WORK_CANDIDATES, WORK_TOUCHING
+from hhsim.kernels.world.record import WorldRecord
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import EVERYTHING, METHODS, OWN, SURFACES, Method, find_method, method_names, surface_of
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.solver.workspace import TickWorkspace
 from hhsim.trees.contact_surface import contact_surface
 
@@ -37,11 +38,11 @@ class FollowEngine:
 
     def begin(self) -> None: ...
 
-    def run(self, haptic: HapticBlock, record: TickRecord) -> int:
+    def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         for name in haptic._fields:
             getattr(record, name)[:] = getattr(haptic, name)
-        record.joints[:] = [self.workspace.model.joints(*sample) for sample in zip(*haptic)]
-        return len(haptic.position)
+        record.joints[0] = [self.workspace.model.joints(*sample) for sample in zip(*(values[0] for values in haptic))]
+        return haptic.position.shape[1]
 
 
 @pytest.fixture

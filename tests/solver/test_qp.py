@@ -9,9 +9,9 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.model import HandModel
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, available_backends, solve
+from hhsim.solver.solver import HandSolver
 
 RELIABLE = ("active-set", "clarabel", "daqp", "quadprog")
 """What the project installs; others that happen to be there may give up, but must say so."""

@@ -12,9 +12,9 @@ from hhsim.errors import HhsimError
 from hhsim.hand.model import HandModel
 from hhsim.motion.analytic_motion import still
 from hhsim.scene.body import Free, Joint
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import QpProblem, solve
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import ContactSurface, contact_surface, jointed_surface
 
 HAND = HandModel.default()

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from coulomb_program import last_program, solve_coulomb
-from free_scenes import all_ticks, body_of, box, far_hand, solver_of
+from free_scenes import body_of, box, far_hand, solver_of
 from mesh_oracle import shift_of_boxes
 from numpy.typing import ArrayLike
 
@@ -21,7 +21,7 @@ from hhsim.mesh.shapes import box_mesh
 from hhsim.motion.analytic_motion import still
 from hhsim.motion.trajectory import ObjectMotion, RigidMotion
 from hhsim.scene.body import Body, Driven, Fixed, HalfSpace
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.solver import HandSolver
 
 DT, G = 1e-3, 9.81
 NOTHING: dict[str, Any] = {"gravity": (0.0, 0.0, 0.0), "friction": 0.0}
@@ -43,7 +43,7 @@ def solver_of_three(*bodies: Body, table: float | None = 0.0) -> HandSolver:
 
 def run(solver: HandSolver, ticks: int, place: Sequence[float] = (0.0, 0.0, 5.0)) -> Any:
     """Run ticks of a hand at a place; returns the records of the hand and of the bodies."""
-    return solver.run(*still(place, ticks=ticks)), all_ticks(solver)
+    return solver.run(*still(place, ticks=ticks)), solver.solver.all_ticks
 
 
 def test_a_stack_of_three_rests_and_each_bears_what_is_above_it() -> None:
@@ -77,7 +77,7 @@ def test_things_that_fly_about_never_enter_each_other_hand_or_table(seed: int) -
     solver = solver_of_three(*bodies)
     way = np.linspace([-0.12, 0.0, 0.05], [0.12, 0.0, 0.03], ticks_run)
     record = solver.run(*still(np.zeros(3), ticks=ticks_run)._replace(position=way))
-    ticks = all_ticks(solver)
+    ticks = solver.solver.all_ticks
     turns = [rotation_matrix(body.turn) for body in ticks.bodies]
     least = np.inf
     for i in range(0, ticks_run, 4):
@@ -113,7 +113,7 @@ def play(body: Body, driven: Mesh, motion: RigidMotion, *others: Body, friction:
     """Records of the hand, far away, and of a free body, a driven one, and others."""
     goes = Driven(ObjectMotion(motion.shift, motion.turn))
     solver = solver_of(body, others=(body_of(driven, "driven", moves=goes, friction=friction), *others))
-    return solver.run(*far_hand(len(motion.turn))), all_ticks(solver)
+    return solver.run(*far_hand(len(motion.turn))), solver.solver.all_ticks
 
 
 def rider(mass: float = 0.1, friction: float = 0.6, **given: Any) -> Body:

@@ -23,9 +23,9 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.round_cone import cone_slope
 from hhsim.replay.replay import replay_scene
 from hhsim.result.reader import Result, load_result
+from hhsim.scene.engine_scene import engine_scene
 from hhsim.scene.scene import Scene, open_scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import engine_scene
 from hhsim.submissions.hand_mjcf import BODIES, JOINTS, STEP, capsules, hand_mjcf, joint_angles
 from hhsim.submissions.scene_folder import scene_digest, write_scene_folder
 

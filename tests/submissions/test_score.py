@@ -21,7 +21,7 @@ from hhsim.result.reader import Result, load_result
 from hhsim.scene.described_scene import FreeWords, SceneWords, load_words
 from hhsim.scene.scene import Scene
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import SceneSolver
+from hhsim.solver.solver import SceneSolver
 from hhsim.submissions.pose_file import Submission, format_poses, read_submission
 from hhsim.submissions.scene_folder import (
     example_submission,

@@ -14,9 +14,9 @@ from hhsim.errors import HhsimError
 from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.quaternion import conjugate
 from hhsim.scene.scene import Scene, open_scene
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.submissions.pose_file import PARTS, Submission, format_poses, read_submission
 from hhsim.submissions.scene_folder import example_submission
 from hhsim.submissions.score import _free, require_scene, suspicions

@@ -40,8 +40,8 @@ from hhsim.scene.finger_closure import Closer, body_distances
 from hhsim.scene.motion_catalogue import load_script, script_names
 from hhsim.scene.script import Placement, Script
 from hhsim.scene.synthesis import planned, synthesize
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree
 
 SLIDING = "sliding"

@@ -296,9 +296,7 @@ def scaled_scene(seed: int) -> Runs:
 
 
 def _scaled(factor: float) -> HardRun:
-    options = SolverOptions()
-    stronger = factor * options.scaled(factor).stiffness.translation / options.stiffness.translation
-    scene = usual(_same(lambda points: points / factor, stronger), adapt=lambda options: options.scaled(factor))
+    scene = usual(_same(lambda points: points / factor, factor), adapt=lambda options: options.scaled(factor))
     assert scene.tree is not None and scene.mesh is not None
     return replace(
         scene,

@@ -18,9 +18,9 @@ from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.metrics.mesh_penetration import sampled
 from hhsim.result.reader import Result
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.method import FORCES, declared_methods, find_method
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import warm_up
 from hhsim.system.progress import Progress
 from hhsim.table.file import ALL
 from hhsim.trees.cache import cached_sphere_tree

@@ -18,11 +18,12 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.hand.forward_kinematics import hand_shape
 from hhsim.hand.model import HandModel
 from hhsim.metrics.mesh_penetration import sampled
+from hhsim.replay.reference import best_hands
 from hhsim.result.reader import Result
-from hhsim.solver.hand_solver import best_hands, warm_up
 from hhsim.solver.method import METHODS, SURFACES
 from hhsim.solver.options import SolverOptions
 from hhsim.solver.qp import ACTIVE_SET, available_backends
+from hhsim.solver.solver import warm_up
 from hhsim.system.progress import Progress
 from hhsim.system.settings_file import Count, Names, a_list, between
 from hhsim.table.file import ALL

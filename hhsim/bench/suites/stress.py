@@ -20,9 +20,9 @@ from hhsim.mesh.catalogue import object_names
 from hhsim.mesh.mesh import Mesh
 from hhsim.motion.analytic_motion import replayed, trajectory_of
 from hhsim.motion.file import save_trajectory
-from hhsim.solver.hand_solver import HandSolver, warm_up
-from hhsim.solver.method import never_penetrates
+from hhsim.solver.method import methods_that
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver, warm_up
 from hhsim.system.log_histogram import LogHistogram
 from hhsim.system.output_path import RESULTS, free_name
 from hhsim.system.progress import Progress
@@ -120,7 +120,7 @@ class Stress(Suite):
 
     def missed(self, rows: Sequence[Row]) -> list[str]:
         """Return where a method that promises to be safe is not."""
-        failed = [row for row in rows if never_penetrates(row["method"]) and not row["safe"]]
+        failed = [row for row in rows if row["method"] in methods_that("never_penetrates") and not row["safe"]]
         return [", ".join(row[name] for name in ("object", "method", "surface")) for row in failed]
 
     def lines(self, rows: Sequence[Row]) -> list[str]:
@@ -128,7 +128,7 @@ class Stress(Suite):
         found = [f"{row['object']}, {row['method']}: {row['failures']}" for row in rows if row["failures"]]
         for method, surface in dict.fromkeys((row["method"], row["surface"]) for row in rows):
             safe = all(row["safe"] for row in rows if (row["method"], row["surface"]) == (method, surface))
-            if safe and never_penetrates(method):
+            if safe and method in methods_that("never_penetrates"):
                 found.append(f"{method}{'' if surface == 'spheres' else f' on the {surface}'}: no limit missed")
         return found
 
@@ -144,7 +144,7 @@ def run_case(case: StressCase) -> Row:
         cpu.add(record.duration_cpu)
         depth = recorded_penetration(case.hand, solver.workspace.surface, record).depth
         for kind, ticks in safety.add(safety.readings(motion), record, depth).items():
-            if never_penetrates(case.solver.method) and kind not in kept and ticks.any():
+            if case.solver.method in methods_that("never_penetrates") and kind not in kept and ticks.any():
                 tick = first + int(np.argmax(ticks))
                 kept[kind] = f"{kind} at tick {tick:,}: {keep_failure(case, kind, tick)}"
     return {

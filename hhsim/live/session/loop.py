@@ -51,9 +51,8 @@ from hhsim.live.session.setup import LiveSetup, OutputLimits, SafetyLimits, Worn
 from hhsim.live.session.story import Story
 from hhsim.result.safety import Safety
 from hhsim.result.schema import FAULT, INFORMATION, WARNING
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import OneTick, SceneSolver
+from hhsim.solver.solver import OneTick, SceneSolver, warm_up
 from hhsim.solver.workspace import zeroed
 
 NEVER = 1 << 60
@@ -417,7 +416,7 @@ def make_ready(setup: LiveSetup, memory: SessionMemory) -> None:
         # Both hands are far from everything, and their tick has every kernel of a tick of both.
         turn, flexion, abduction = np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 5, 3)), np.zeros((1, 5))
         far = HandConfiguration(np.full((1, 3), 100.0), turn, flexion, abduction)
-        SceneSolver(setup.scene, options).run(far, far._replace(position=-far.position))
+        SceneSolver(setup.scene, options).solve(far, far._replace(position=-far.position))
     if options.method not in ("coupled", "progressive") or setup.seen.free is not None:
         # `coupled` brings a hand out that begins inside the object.
         warm_up(setup.worn[0].model, replace(options, method="coupled"))

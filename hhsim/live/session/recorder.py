@@ -54,9 +54,8 @@ from hhsim.result.schema import (
     sample_columns,
 )
 from hhsim.result.writer import HandPart, ResultWriter
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import bodies_ticks, keeps_hands_apart
+from hhsim.solver.solver import bodies_ticks, keeps_hands_apart, warm_up
 
 RINGS = ("ticks", "samples", "events")
 
@@ -86,8 +85,7 @@ class SessionRows:
         self.parts = parts and replace(parts, world=np.zeros((FREE_TICK_CAPACITY, len(parts.names), 7)))
         seen, models = replace(setup.seen, parts=self.parts), [worn.model for worn in setup.worn[:hands]]
         self.bodies = body_parts(setup.scene, seen)
-        surfaces = [seen.surface(options.surface) for _ in models]
-        self._rows = SceneRows(seen, models, surfaces, options, list(self.bodies))
+        self._rows = SceneRows(seen, models, options, list(self.bodies))
         self._is_free = setup.recorded_bodies > 0
         self._next = 0
 
@@ -115,8 +113,7 @@ class SessionRows:
         """Return the motion of bodies since before the first tick, at the end of each; none of one that is fixed."""
         if not self._is_free:
             return ()
-        first, every = bodies_ticks(records)
-        return tuple(RigidMotion(body.turn, body.shift) for body in ((first,) if every is None else every.bodies))
+        return tuple(RigidMotion(body.turn, body.shift) for body in bodies_ticks(records).bodies)
 
 
 class HandRecords:

@@ -26,12 +26,12 @@ from hhsim.result.safety import AFTER_STALL
 from hhsim.scene.body import Body, Driven, Fixed, Free
 from hhsim.scene.closure_search import OtherHand
 from hhsim.scene.declared_bodies import DeclaredBodies
+from hhsim.scene.engine_scene import EngineScene, engine_scene, standing_apart
 from hhsim.scene.motion_catalogue import Motion, load_script
 from hhsim.scene.scene import Scene, require_one_object, scene_of
 from hhsim.scene.script import Script
 from hhsim.scene.synthesis import planned
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import EngineScene, engine_scene, standing_apart
 from hhsim.system.settings_file import Positive, between, check_fields, one_of
 from hhsim.trees.sphere_tree import SphereTree
 

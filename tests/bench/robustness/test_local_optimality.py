@@ -14,8 +14,8 @@ from hhsim.hand.model import HandModel
 from hhsim.hand.quaternion import quaternion
 from hhsim.mesh.catalogue import load_object
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import UNBOUNDED, SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.verify.contacts import PALM
 

@@ -22,8 +22,8 @@ from hhsim.hand.configuration import HandConfiguration
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import hold_readings, sound_samples, still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 
 BALL = tree_of(np.zeros((1, 3)), BALL_RADIUS)
 PIECES = pieces_of("spheres", None, BALL)

@@ -22,9 +22,9 @@ from hhsim.kernels.tick.block import TickRecord
 from hhsim.kernels.tick.state import STATUS_LAG, WORK_TOUCHING
 from hhsim.motion.analytic_motion import hold_readings
 from hhsim.motion.file import load_trajectory
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import METHODS
 from hhsim.solver.options import UNBOUNDED, SolverOptions
+from hhsim.solver.solver import HandSolver
 
 pytestmark = pytest.mark.slow
 

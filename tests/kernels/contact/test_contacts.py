@@ -258,7 +258,7 @@ def pairs() -> Any:
     """Pairs of all parts of two hands in the air."""
     air = sphere_tree(np.full((1, 3), 50.0), np.array([0.01])).arrays()
     spaces = [TickWorkspace(hand, air, SolverOptions(self_contact=True)) for hand in HANDS]
-    return WorldEngine(spaces[0], None, spaces[1]).hand_pairs
+    return WorldEngine(*spaces).hand_pairs
 
 
 def place(pairs: Any, seed: int) -> list[HandConfiguration]:

@@ -49,7 +49,7 @@ from hhsim.live.session.driver import GloveDriver
 from hhsim.live.session.loop import LiveLoop, deadline_record, loop_options
 from hhsim.live.session.memory import SessionMemory
 from hhsim.live.session.setup import OutputLimits, SafetyLimits
-from hhsim.solver.hand_solver import HandSolver
+from hhsim.solver.solver import HandSolver
 from hhsim.solver.workspace import zeroed
 
 ENOUGH = 300

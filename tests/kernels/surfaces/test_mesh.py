@@ -28,9 +28,9 @@ from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.mesh.catalogue import load_object
 from hhsim.mesh.features import mesh_features
 from hhsim.metrics.mesh_penetration import mesh_clearance
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.method import SURFACES
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 
 pytestmark = pytest.mark.slow
 

@@ -24,9 +24,9 @@ from hhsim.hand.model import HandModel
 from hhsim.kernels.qp.active_set import OPTIMAL
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, UNBOUNDED, UNLIMITED, SolverOptions, Stiffness
 from hhsim.solver.qp import dense_problem, solve
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree
 
 BALL = bumpy_ball(400)

@@ -37,8 +37,8 @@ from hhsim.kernels.tick.paper import PAPER_STATE, finger_program
 from hhsim.kernels.tick.paper_contacts import ON_FRUSTUM, ON_SPHERE, detect, palm_rows
 from hhsim.kernels.tick.state import STATUS_STUCK
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import HandSolver
 from hhsim.solver.workspace import zeroed
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -21,8 +21,8 @@ from hhsim.kernels.tick.state import (
     WORK_TOUCHING,
 )
 from hhsim.motion.analytic_motion import still
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import TOUCH, SolverOptions, Stiffness
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.sphere_tree import SphereTree
 
 HAND = HandModel.default("right")

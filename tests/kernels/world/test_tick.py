@@ -29,8 +29,8 @@ from hhsim.hand.quaternion import rotation_matrix
 from hhsim.kernels.tick.block import TickRecord
 from hhsim.mesh.mesh import Mesh
 from hhsim.scene.body import Free, HalfSpace
-from hhsim.solver.hand_solver import HandSolver
 from hhsim.solver.options import SolverOptions, Stiffness
+from hhsim.solver.solver import HandSolver
 from hhsim.trees.contact_surface import contact_surface
 from hhsim.trees.sphere_tree import SphereTree
 

@@ -45,8 +45,8 @@ from hhsim.mesh.catalogue import load_object
 from hhsim.result.reader import load_result
 from hhsim.result.safety import Safety
 from hhsim.scene.declared_bodies import DeclaredBodies
-from hhsim.solver.hand_solver import warm_up
 from hhsim.solver.options import SolverOptions
+from hhsim.solver.solver import warm_up
 from hhsim.trees.cache import cached_sphere_tree
 from hhsim.trees.options import TreeOptions
 

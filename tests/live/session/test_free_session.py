@@ -27,7 +27,7 @@ from hhsim.scene.body import CLEARANCE
 from hhsim.scene.declared_bodies import load_object
 from hhsim.scene.scene import tree_maker
 from hhsim.solver.options import SolverOptions
-from hhsim.solver.scene_solver import bodies_ticks
+from hhsim.solver.solver import bodies_ticks
 from hhsim.verify.free_object_checks import free_claims
 from hhsim.verify.verify import verify
 from tools.shapes.generators import sphere
@@ -50,7 +50,7 @@ class Session(ScriptedSession):
         super().__init__(script, mesh=BALL, free=free, options=SolverOptions(surface="mesh"))
         self.clock.oversleep.extend(oversleep)
         self.run()
-        self.object, _ = bodies_ticks(self.ticks)
+        self.object = bodies_ticks(self.ticks).bodies[0]
 
 
 @pytest.fixture(scope="module")
