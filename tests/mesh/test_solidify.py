@@ -360,9 +360,7 @@ def mesh_of(*shapes: trimesh.Trimesh, faces: object = None) -> Mesh:
 
 
 def at(shape: trimesh.Trimesh, x: float, y: float = 0.0, z: float = 0.0) -> trimesh.Trimesh:
-    moved = shape.copy()
-    moved.apply_translation((x, y, z))
-    return moved
+    return shape.copy().apply_translation((x, y, z))
 
 
 def inside_out(shape: trimesh.Trimesh) -> trimesh.Trimesh:
