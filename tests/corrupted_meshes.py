@@ -148,19 +148,8 @@ def scaled_far_away(vertices: FloatArray, faces: IntArray, rng: np.random.Genera
 
 
 CORRUPTIONS: tuple[Corruption, ...] = (
-    faces_deleted,
-    faces_duplicated,
-    faces_flipped,
-    vertices_jittered,
-    vertices_unmerged,
-    vertices_not_finite,
-    parts_overlapped,
-    hole_cut,
-    parts_scattered,
-    slivers_added,
-    inner_shell,
-    fins_added,
-    pushed_through,
+    *(faces_deleted, faces_duplicated, faces_flipped, vertices_jittered, vertices_unmerged, vertices_not_finite),
+    *(parts_overlapped, hole_cut, parts_scattered, slivers_added, inner_shell, fins_added, pushed_through),
     scaled_far_away,
 )
 

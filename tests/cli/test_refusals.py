@@ -83,7 +83,6 @@ REFUSED = {
     "repair quest.csv --object cube --hands both --hand left --out free.csv": "--hands both repairs two",
     "repair - --follow --object sphere --palm none --out free.jsonl": "--palm is for a whole recording",
     "scene bad.urdf": "bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers",
-    "build-tree bad.urdf": "bad.urdf: link 'block': <box size=\"x 0.06 0.06\">; expected 3 numbers",
     "build-tree pot.urdf --link cover": "pot.urdf: no link 'cover'; it has block, lid",
     "build-tree pot.urdf --link lid --unit mm": "unit and size are for mesh files; pot.urdf states its sizes",
     "build-tree cube --link lid": "a link is of a URDF or MJCF file; 'cube' is none",

@@ -265,8 +265,6 @@ def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=r"baseline\.json"):
         load_baseline(path)
-    with pytest.raises(InputError, match="no such file; record it with"):
-        load_baseline(tmp_path / "none.json")
 
 
 @pytest.mark.parametrize(
@@ -585,7 +583,6 @@ def test_the_command_judges_a_result(run: Run, stored: Path, result: Path, tmp_p
     assert (answer.code, answer.out) == (3, "")
     assert "different inputs: object mesh" in answer.err
     assert run("gate", str(result), "--base-python", "python").code == 2
-    assert run("gate", str(result.with_name("none.h5"))).code == 2
 
 
 def test_the_command_prints_what_is_the_same_in_one_line(run: Run, stored: Path, result: Path) -> None:

@@ -50,10 +50,8 @@ def test_volume_extent_and_hash_follow_motion_and_scale(seed: int, factor: float
 def test_arrays_are_normalised_and_hashed_as_documented() -> None:
     strided = np.asfortranarray(cube().vertices.astype(np.float32))
     mesh = Mesh(strided, cube().faces.astype(np.int32))  # type: ignore[arg-type]
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.faces.dtype == np.int64
-    assert mesh.vertices.flags.c_contiguous
-    assert mesh.faces.flags.c_contiguous
+    assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float64, np.int64)
+    assert mesh.vertices.flags.c_contiguous and mesh.faces.flags.c_contiguous
     assert mesh.sha256 == hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
     assert mesh.triangles.shape == (12, 3, 3)
     np.testing.assert_array_equal(mesh.triangles[5, 2], mesh.vertices[mesh.faces[5, 2]])
@@ -275,9 +273,7 @@ GENUS = {"cup": 1, "teapot": 1, "handle-box": 2}
 def test_mesh_is_a_sound_solid_of_graspable_size(name: str) -> None:
     mesh = load_object(name).mesh
     other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    assert other.is_watertight
-    assert other.is_winding_consistent
-    assert other.body_count == 1
+    assert other.is_watertight and other.is_winding_consistent and other.body_count == 1
     assert len(np.unique(mesh.vertices, axis=0)) == len(mesh.vertices) == len(np.unique(mesh.faces))
     assert other.area_faces.min() > 1e-9 or name == "teapot"
     assert 1 - other.euler_number // 2 == GENUS.get(name, 0)

@@ -251,12 +251,6 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(solidify, "SAMPLES", 6000)
 
 
-def exact_winding(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    result = np.empty(len(points))
-    winding_numbers(np.ascontiguousarray(triangles), np.ascontiguousarray(points), result)
-    return result
-
-
 def signed_distance(surface: MeshInRepair, points: FloatArray) -> FloatArray:
     return mesh_signed_distance(build_mesh_bvh(surface.vertices, surface.faces), points)
 
@@ -286,14 +280,14 @@ def assert_true_statement(vertices: FloatArray, faces: IntArray, surface: MeshIn
     merge_and_clean(cleaned)
     vertices = cleaned.vertices
     faces, _ = turned_outward(vertices, cleaned.faces)
-    triangles = vertices[faces]
     rng = np.random.default_rng(5)
     middle, face, _ = face_samples(vertices, faces, POINTS, rng)
     chosen = rng.choice(len(middle), POINTS)
     middle, normal = middle[chosen], face_normals(vertices, faces)[face[chosen]]
     beside = normal * size * 10.0 ** rng.uniform(-3.5, -1.0, size=(POINTS, 1))
-    number = exact_winding(triangles, np.concatenate([middle + beside, middle - beside]))
     points = np.concatenate([middle + beside, middle - beside])
+    number = np.empty(len(points))
+    winding_numbers(vertices[faces], points, number)
     distance = signed_distance(surface, points)
     # Well within by winding number, yet outside of the solid: no more than it says.
     room = max(out, assumed) + 0.001 * size
@@ -366,9 +360,7 @@ def mesh_of(*shapes: trimesh.Trimesh, faces: object = None) -> Mesh:
 
 
 def at(shape: trimesh.Trimesh, x: float, y: float = 0.0, z: float = 0.0) -> trimesh.Trimesh:
-    moved = shape.copy()
-    moved.apply_translation((x, y, z))
-    return moved
+    return shape.copy().apply_translation((x, y, z))
 
 
 def inside_out(shape: trimesh.Trimesh) -> trimesh.Trimesh:

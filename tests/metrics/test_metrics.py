@@ -150,16 +150,9 @@ class TestForceStep:
 
 
 class TestForceStepInContact:
-    FORCE = along(0, np.array([0.0, 3.0, 4.0, 4.0, 0.0, 0.0]))
-    TOUCH = np.array([False, True, True, True, False, False])
-
-    def test_a_gap_of_the_recording_is_none(self) -> None:
-        breaks = np.array([False, True, False, False, True, False])
-        assert metrics.contact_force_step(self.FORCE, self.TOUCH, breaks) == 1.0
-
     def test_without_a_touch_or_a_tick_before_it_is_undefined(self) -> None:
-        for force, touch in ((self.FORCE, 0 * self.TOUCH), (self.FORCE[:1], self.TOUCH[1:2]), (self.FORCE[:0], [])):
-            assert np.isnan(metrics.contact_force_step(force, np.asarray(touch, bool)))
+        for touch in (np.zeros(6, bool), np.ones(1, bool), np.zeros(0, bool)):
+            assert np.isnan(metrics.contact_force_step(np.ones((len(touch), 3)), touch))
 
     def test_as_a_plain_loop_has_it(self) -> None:
         generator = np.random.default_rng(3)
@@ -170,29 +163,25 @@ class TestForceStepInContact:
 
 
 class TestFrozenDecay:
-    def test_a_geometric_decay_stops_where_it_must(self) -> None:
-        force = along(2, 1.0 + 0.1 ** np.arange(1, 30))
-        # The change at tick t is 0.9 · 0.1^t; it is above 1e-6 up to t = 5.
-        assert metrics.frozen_decay(force) == 5
-
-    def test_limit_cycles_never_settle(self) -> None:
-        size = 1.0 + 1e-5 * (np.arange(50) % 2)
-        assert metrics.frozen_decay(along(0, size)) is None
-        turning = np.where((np.arange(50) % 2)[:, None] == 0, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        assert np.nanmax(metrics.force_variation_rate(turning)) == 0.0
-        assert metrics.frozen_decay(turning) is None
-
-    def test_a_late_jump_counts(self) -> None:
-        force = np.ones((20, 3))
-        force[12:] = 2.0
-        assert metrics.frozen_decay(force) == 12
-        force[19] = 3.0
-        assert metrics.frozen_decay(force) is None
-
-    def test_nan_and_too_few_ticks_are_no_proof_and_stillness_takes_none(self) -> None:
-        assert metrics.frozen_decay(np.ones((10, 3))) == metrics.frozen_decay(np.zeros((10, 3))) == 0
-        assert metrics.frozen_decay(np.vstack([np.ones((4, 3)), [[1.0, np.nan, 1.0]]])) is None
-        assert metrics.frozen_decay(np.ones((1, 3))) is None
+    @pytest.mark.parametrize(
+        ("force", "settled"),
+        [
+            # The change at tick t is 0.9 · 0.1^t; it is above 1e-6 up to t = 5.
+            (along(2, 1.0 + 0.1 ** np.arange(1, 30)), 5),
+            # Limit cycles: of the size, and of the direction alone.
+            (along(0, 1.0 + 1e-5 * (np.arange(50) % 2)), None),
+            (np.eye(3)[np.arange(50) % 2], None),
+            # A jump, and one in the last tick.
+            (along(0, np.repeat([1.0, 2.0], [12, 8])), 12),
+            (along(0, np.repeat([1.0, 2.0], [19, 1])), None),
+            *((np.full((10, 3), size), 0) for size in (0.0, 1.0)),
+            *((force, None) for force in (np.ones((1, 3)), along(0, np.array([1.0, 1.0, np.nan])))),
+        ],
+    )
+    def test_it_ends_with_the_last_change_that_ticks_without_one_follow(
+        self, force: FloatArray, settled: int | None
+    ) -> None:
+        assert metrics.frozen_decay(force) == settled
 
 
 class TestTracking:

@@ -351,16 +351,14 @@ def test_a_recording_that_was_imported_on_the_way_in_is_said_to_be(tmp_path: Pat
 
 
 def test_what_is_no_trajectory_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UnknownNameError, match="unknown trajectory 'grsp': did you mean grasp"):
-        resolve_trajectory("grsp")
-    with pytest.raises(TrajectoryError, match=r"none.toml: no such file"):
-        resolve_trajectory("none.toml")
-    with pytest.raises(TrajectoryError, match=r"none.csv: no such file"):
-        resolve_trajectory("none.csv")
-    other = tmp_path / "glove.mat"
-    other.touch()
-    with pytest.raises(TrajectoryError, match=r"not a trajectory by its suffix; expected .toml, .h5"):
-        resolve_trajectory(other)
+    (tmp_path / "glove.mat").touch()
+    for given, error, said in (
+        ("grsp", UnknownNameError, "unknown trajectory 'grsp': did you mean grasp"),
+        ("none.toml", TrajectoryError, "none.toml: no such file"),
+        (tmp_path / "glove.mat", TrajectoryError, "not a trajectory by its suffix; expected .toml, .h5"),
+    ):
+        with pytest.raises(error, match=said):
+            resolve_trajectory(given)
 
 
 def test_the_recorded_tap_of_the_catalogue_goes_into_its_object() -> None:

@@ -159,10 +159,8 @@ def test_there_and_back(
     path = tmp_path_factory.mktemp("sph") / "tree.sph"
     save_sph(tree, path)
     back = load_sph(path)
-    assert np.array_equal(back.center, tree.center)
-    assert np.array_equal(back.radius, tree.radius)
-    assert np.array_equal(back.level, tree.level)
-    assert np.array_equal(back.parent, tree.parent)
+    for name in ("center", "radius", "level", "parent"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(tree, name), err_msg=name)
 
 
 def test_parents_grow_and_unused_slots_vanish(tmp_path: Path) -> None:

@@ -27,7 +27,6 @@ from typing import Any, Self
 
 import numpy as np
 import pytest
-from conftest import sampled
 from fake_gloves import FakeDexmo
 from live_peers import free_ports, until
 from machine_share import MachineShare, assert_in_time, keeps_time
@@ -351,6 +350,7 @@ TROUBLES = (
 
 
 @pytest.mark.parametrize("trouble", TROUBLES, ids=lambda trouble: trouble.order)
+@pytest.mark.quick("unplug", "jump")
 def test_a_glove_in_trouble_is_freed_and_held_again(drill: Drill, trouble: Trouble) -> None:
     drill.grasp()
     fault = drill.order(trouble.order)
@@ -411,6 +411,7 @@ LOSSES = (
 
 
 @pytest.mark.parametrize("loss", LOSSES, ids=lambda loss: f"{loss.process} {loss.number.name}")
+@pytest.mark.quick("loop SIGSTOP", "driver SIGSTOP", "watchdog SIGKILL")
 def test_a_process_is_lost_and_the_session_goes_on(drill: Drill, loss: Loss) -> None:
     drill.grasp()
     watchdog = drill.session.pid(WATCHDOG)
@@ -569,7 +570,7 @@ def assert_free_at_the_end(commands: NDArray[Any]) -> None:
         assert not stiff(command).any(), f"client {client} left a finger held"
 
 
-@pytest.mark.parametrize("number", sampled([signal.SIGINT, KILL], lambda _, number: number == signal.SIGINT))
+@pytest.mark.parametrize("number", [signal.SIGINT, KILL])
 @pytest.mark.soak
 def test_the_command_is_ended(tmp_path: Path, number: signal.Signals) -> None:
     """As a user runs it; SIGKILL of the supervisor, too, ends in free fingers and no process left."""
