@@ -64,11 +64,14 @@ class MovingParts:
         """Return the motion of a part's frame in the scene's at some ticks."""
         return RigidMotion(self.path[ticks, p, 3:], self.path[ticks, p, :3])
 
-    def surface(self, kind: str) -> ContactSurface:
-        """Return the surface of all parts, `spheres` or `mesh`, and what of them cannot be touched."""
+    def surface(self, kind: str, path: FloatArray | None = None) -> ContactSurface:
+        """Return the surface of all parts, `spheres` or `mesh`, and what of them cannot be touched.
+
+        `path` is another way of the parts than theirs, as of `jointed_surface`.
+        """
         parts = self.surfaces(kind)
         notes = tuple(f"{name}: {note}" for name, part in zip(self.names, parts) for note in part.notes)
-        return ContactSurface(jointed_surface(parts, self.path), notes)
+        return ContactSurface(jointed_surface(parts, self.path if path is None else path), notes)
 
     def surfaces(self, kind: str) -> tuple[ContactSurface, ...]:
         """Return the surface of each part in its frame."""

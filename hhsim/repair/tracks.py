@@ -221,9 +221,9 @@ class _Search:
             pairs = self.given.path[[before, frame]].swapaxes(0, 1)
             places = np.stack([interpolate_monotone(ends, pair[:, :3], share) for pair in pairs], axis=1)
             turns = np.stack([interpolate_orientation(ends, pair[:, 3:], share) for pair in pairs], axis=1)
-            workspace, path = self.solver.workspace, np.concatenate([places, turns], axis=2)
-            motion = workspace.surface.motion._replace(path=path, tick=np.zeros(1, np.int64))
-            workspace.surface = workspace.surface._replace(motion=motion)
+            motion, path = self.solver.workspace.surface.motion, np.concatenate([places, turns], axis=2)
+            motion.path[: len(path)], motion.path[len(path) :] = path, path[-1]
+            motion.tick[0] = 0
         if steps > 1:
             self.solver.run(*origin.line(goal, steps - 1).part(1))
         joints = np.full((5, 4, 3), np.inf)
@@ -261,14 +261,16 @@ class _Search:
 
 def solver_beside(given: GivenObject, hand: HandModel, options: SolverOptions, frame: int = 0) -> HandSolver:
     """Return a solver beside an object, whose parts are where they are in a frame."""
-    solver = HandSolver(hand, given.surface("mesh") if isinstance(given, MovingParts) else given, options)
-    put_at(solver, given, frame)
-    return solver
+    if isinstance(given, MovingParts):
+        # Kernels keep the address of the way of the parts: each move between two frames is written there.
+        return HandSolver(hand, given.surface("mesh", np.repeat(given.path[[frame]], MOST_SUBSTEPS, axis=0)), options)
+    return HandSolver(hand, given, options)
 
 
 def put_at(solver: HandSolver, given: GivenObject, frame: int) -> None:
     """Put the parts beside which a solver is where they are in a frame; its hand is to be placed then."""
     if isinstance(given, MovingParts):
+        solver.workspace.surface.motion.path[:] = given.path[frame]
         put_parts(solver.workspace.surface, given.path[frame])
 
 

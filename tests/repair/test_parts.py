@@ -28,6 +28,7 @@ from hhsim.metrics.field.hands import Bodies, FieldHands, FieldPair
 from hhsim.metrics.moving_parts import MovingParts, result_parts
 from hhsim.motion.trajectory import RigidMotion
 from hhsim.recordings.registry import ReadOptions, read_recording
+from hhsim.repair import tracks
 from hhsim.repair.projection import HandJudge
 from hhsim.repair.recorded_scene import model_joints
 from hhsim.repair.repair import correct, repair_recording
@@ -242,6 +243,24 @@ def test_figures_are_those_of_each_frame_by_itself() -> None:
     assert rows["depth_skin_max"].before == pytest.approx(max(depth), abs=1e-9)
     assert rows["depth_skin_mean"].before == pytest.approx(np.mean(depth), abs=1e-9)
     assert rows["volume_exact_mean"].before == pytest.approx(np.mean(volume), rel=1e-6)
+
+
+def test_a_hand_arrives_beside_parts_that_are_where_its_frame_has_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = slice(6, 12)
+    parts = engine_scene(laptop()).parts
+    parts = MovingParts(parts.name, parts.names, parts.meshes, parts.trees, parts.world[TICKS[frames]], {})
+    arrive, off = tracks._Search._arrive, []
+
+    def watched(search: Any, before: int, frame: int, *start: HandConfiguration) -> HandConfiguration:
+        hand = arrive(search, before, frame, *start)
+        found = search.solver.workspace.surface.part
+        off.append(np.abs(np.hstack([found.position, found.orientation]) - parts.path[frame]).max())
+        return hand
+
+    monkeypatch.setattr(tracks._Search, "_arrive", watched)
+    repair_frames(HAND, parts, hand_at(0).at(frames), 0.1)
+    assert len(off) > 6
+    assert max(off) < 1e-12
 
 
 @pytest.mark.soak
