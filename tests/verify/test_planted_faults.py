@@ -106,13 +106,12 @@ def changes(path: Path) -> Iterator[tuple[str, Fault]]:
                 yield item, at(item, item, row, partial(_other_number, dataset.dtype))
             for name, value in file[item].attrs.items():
                 if name in ("scene", "properties"):
-                    labels = _labels(json.loads(value))
+                    labels = sorted({*_labels(json.loads(value))} - OF_A_MACHINE)
                     yield from ((f"{name}.{label}", partial(_change_label, item, name, label)) for label in labels)
                 elif not is_measured(name):
                     yield f"{item}@{name}", attribute(name, item, name, other)
-        for label in _labels(json.loads(file.attrs["scene"])):
-            if label.partition(".")[0] not in OF_A_MACHINE:
-                yield f"scene.{label}", partial(_change_label, "/", "scene", label)
+        for label in sorted({*_labels(json.loads(file.attrs["scene"]))} - OF_A_MACHINE):
+            yield f"scene.{label}", partial(_change_label, "/", "scene", label)
         yield from ((f"@{name}", attribute(name, "/", name, other)) for name in file.attrs if name not in OF_NO_RUN)
 
 
