@@ -98,7 +98,7 @@ class Solver:
         Palm origin [m], (B, 3), and quaternion (w, x, y, z), (B, 4), world; flexion (B, 5, 3), abduction (B, 5) [rad].
         Raises HhsimError where more pairs were near than the arrays hold.
         """
-        given = HapticBlock(*(as_argument(np.stack(values)) for values in zip(*haptic)))
+        given = HapticBlock(*(np.stack(values) for values in zip(*haptic)))
         hands, ticks = given.position.shape[:2]
         record, bodies = tick_record(hands, ticks), whole_record(len(self.bodies), ticks)
         if ticks and self.tick(given, record, bodies) & STATUS_CAPACITY_EXCEEDED:
@@ -108,11 +108,11 @@ class Solver:
     def tick(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         """Run ticks as `solve` does with records that the caller allocated, and return the last one's status bits.
 
-        The input, at least one row, is float64 and C-contiguous; it and `record` have the hand as their first axis and
-        the tick as their second. `bodies` is of all bodies, and written where one is free. More pairs than the arrays
-        hold raise nothing, but are in the status (`hhsim.kernels.tick.state`).
+        The input, at least one row, and `record`, as `tick_record` makes it, have the hand as their first axis and the
+        tick as their second. `bodies` is of all bodies, and written where one is free. More pairs than the arrays hold
+        raise nothing, but are in the status (`hhsim.kernels.tick.state`).
         """
-        hands = range(len(self.spaces))
+        haptic, hands = HapticBlock(*(as_argument(values) for values in haptic)), range(len(self.spaces))
         begun = None if self.started else self.begin([of_hands(haptic, h) for h in hands])
         # Hands that have one program have one engine.
         each, status = len(self.spaces) // len(self.engines), 0

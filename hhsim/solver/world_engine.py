@@ -104,6 +104,7 @@ class WorldEngine:
         )
         self.thread_team = ThreadTeam(options.threads if len(hands) == 1 else 1, self.qp)
         self._called: Any = None
+        self._entry: Any = None
         self._ticks = 0
         problem.hands, problem.bodies, world.friction.room = len(hands), count, friction_count(count)
         problem.slacks = 0
@@ -283,12 +284,13 @@ class WorldEngine:
     def run(self, haptic: HapticBlock, record: TickRecord, bodies: WorldRecord) -> int:
         """See `Engine.run`."""
         kernel, arguments = self.call(haptic, record, bodies)
-        # Compiled before there are helpers, which would look on, each on a processor of its own.
-        ticks = kernel.entry(*arguments)
+        # Compiled before there are helpers, which would look on, each on a processor of its own; looked at once, since
+        # the types of the arguments do not change.
+        self._entry = self._entry or kernel.entry(*arguments)
         with ExitStack() as helped:
             for engine in (self, *self.alone):
                 helped.enter_context(engine.thread_team.at_work(engine.method))
-            done = int(ticks(*arguments))
+            done = int(self._entry(*arguments))
         self._ticks += haptic.position.shape[1]
         if self._called is not None and self._called[1]:
             raise self._called[1].pop()
