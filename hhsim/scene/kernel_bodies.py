@@ -39,11 +39,11 @@ def body_shapes(
 
     `hand` has what is not of the palm; `centers` are the points about which the bodies turn [m], world, shape (3,).
     """
-    supports = [support_of(of) if body.is_free else NO_SUPPORT for body, of in zip(bodies, surfaces)]
+    supports = [support_of(surface) if body.is_free else NO_SUPPORT for body, surface in zip(bodies, surfaces)]
     if len(bodies) < 2:
         return supports or [NO_SUPPORT], [], [NO_EDGES]
-    placed = [(of.arrays, center) for of, center in zip(surfaces, centers)]
-    return supports, [_as_palm(hand, *given) for given in placed], [_edges_of(*given) for given in placed]
+    placed = [(surface.arrays, center) for surface, center in zip(surfaces, centers)]
+    return supports, [_as_palm(hand, *shape) for shape in placed], [_edges_of(*shape) for shape in placed]
 
 
 def support_of(surface: ContactSurface) -> Support:
@@ -81,26 +81,26 @@ def _edges_of(surface: Any, center: FloatArray) -> Edges:
         return NO_EDGES
     first = surface.wing_start[:-1]
     whole = np.flatnonzero(np.diff(surface.wing_start) == 2)
-    one, two = first[whole], first[whole] + 1
-    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (one, two)], axis=1)
-    convex = (surface.wing[one] * normal[:, 1]).sum(axis=1) < -FLAT
+    first, second = first[whole], first[whole] + 1
+    normal = np.stack([surface.face[surface.wing_face[which], :3] for which in (first, second)], axis=1)
+    convex = (surface.wing[first] * normal[:, 1]).sum(axis=1) < -FLAT
     edge = surface.edge[whole[convex]]
     parts = edge[:, :3] - center, edge[:, 3:6], edge[:, 6], normal[convex]
     return Edges(*(np.ascontiguousarray(part) for part in parts))
 
 
-def may_meet(one: Body, two: Body) -> bool:
+def may_meet(body: Body, other: Body) -> bool:
     """Return True if one of two bodies moves freely, and no joint bears one on the other, through which it goes."""
-    if one is two:
+    if body is other:
         return False
-    joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((one, two), (two, one)))
-    return not joined and (one.is_free or two.is_free)
+    joined = any(a.free_joint is not None and a.free_joint.on == b.name for a, b in ((body, other), (other, body)))
+    return not joined and (body.is_free or other.is_free)
 
 
 def bearer_of(body: Body, bodies: Sequence[Body]) -> int | None:
     """Return the number of the body that bears a body's joint; None for a fixed one, or the world."""
     on = body.free_joint.on if body.free_joint else ""
-    return next((k for k, one in enumerate(bodies) if one.name == on and one.motion != Fixed()), None)
+    return next((k for k, other in enumerate(bodies) if other.name == on and other.motion != Fixed()), None)
 
 
 def write_body(
@@ -140,33 +140,33 @@ def write_body(
     record.position[2] += max(0.0, offset - lowest)
 
 
-def write_joint(body: Any, of: Body, joint: Joint, pair: int | None) -> None:
+def write_joint(record: Any, body: Body, joint: Joint, pair: int | None) -> None:
     """Let the record of a body move about or along the axis of its joint alone.
 
     It moves in the world, or against the one that bears it, with which it is the `pair` of this number.
     """
     axis, turns = joint.direction, joint.type == "hinge"
-    free, axes = of.solid, np.vstack([across(axis), axis])
-    body.limits[:] = of.limits or (-np.inf, np.inf)
-    body.joint_friction = joint.friction
+    free, axes = body.solid, np.vstack([across(axis), axis])
+    record.limits[:] = body.limits or (-np.inf, np.inf)
+    record.joint_friction = joint.friction
     if pair is not None:
-        body.pair, body.pair_joint = pair, HINGE if turns else SLIDER
-        body.joint_origin[:] = joint.origin if turns else free.center
-        body.joint_axes[:] = axes
+        record.pair, record.pair_joint = pair, HINGE if turns else SLIDER
+        record.joint_origin[:] = joint.origin if turns else free.center
+        record.joint_axes[:] = axes
         return
-    body.axes[:] = axes
+    record.axes[:] = axes
     if not turns:
-        body.joint = SLIDER
-        body.inverse_root[3:] = body.spin[:] = 0.0
-        for vector in (body.gravity, body.velocity):
+        record.joint = SLIDER
+        record.inverse_root[3:] = record.spin[:] = 0.0
+        for vector in (record.gravity, record.velocity):
             vector[:] = (axis * vector).sum() * axis
         return
-    body.joint = HINGE
-    body.lever[:] = free.center - of.pivot
-    moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (body.lever**2).sum()
-    body.moment[:] = moment
-    body.inverse_root[:] = 0.0
-    body.inverse_root[5] = body.period / np.sqrt((1.0 + free.damping * body.period) * moment)
-    body.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
-    body.gravity[:] = body.velocity[:] = 0.0
-    body.spin[:] = matmul(body.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
+    record.joint = HINGE
+    record.lever[:] = free.center - body.pivot
+    moment = (axis * matmul(np.array(free.inertia), axis)).sum() + free.mass * (record.lever**2).sum()
+    record.moment[:] = moment
+    record.inverse_root[:] = 0.0
+    record.inverse_root[5] = record.period / np.sqrt((1.0 + free.damping * record.period) * moment)
+    record.pull[:] = free.mass / moment * np.cross(free.gravity, axis)
+    record.gravity[:] = record.velocity[:] = 0.0
+    record.spin[:] = matmul(record.axes, free.angular_velocity) * (0.0, 0.0, 1.0)
